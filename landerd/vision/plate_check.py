@@ -1,15 +1,18 @@
-"""Whether a ring has about it the plate that carries the pad's other markers.
+"""Whether the pad's plate is seen about a ring, which look-alikes lack.
 
-A look-alike whose ratio is off by a tenth cannot be told from a small ring behind a tone curve, nor
-a ring of the right ratio that is somebody else's. But where the pad has another marker, the plate
-reaches round it, which is seen long before that marker can be read. No heading need be known: a
-ring is refused if there is none under which the outlines of plate and prints are seen, or if they
-are seen under others as well, as white all round a ring fits them. On ground as bright as the
-plate, as concrete or snow, the prints alone tell it.
+A small ring behind a tone curve looks like one whose ratio is off by a tenth, and somebody else's
+ring may have the right ratio. But if the pad has another marker beside its ring, its plate reaches
+round that marker, too, and this shows long before the marker can be read. The heading need not be
+known: a ring is refused if the outlines of plate and prints are seen at no heading, or if they are
+seen at others as well, as white all around would fit them. On ground as bright as the plate
+(concrete, snow) the prints alone decide.
 
-Of a pad that has nothing beside its ring the plate alone is looked for, and only about rings so
-small that their ratio tells little: on ground as bright as the plate it is not seen, and larger
-rings are taken without.
+If the pad has nothing beside its ring, only the plate is looked for, and only about rings so small
+that their ratio tells little: on bright ground the plate is not seen, so larger rings are accepted
+without it.
+
+The search and `vision` ask `contradicts` and `supports`; `ring_explained` asks `voucher` about
+rings whose edges alone show too little.
 """
 
 from collections.abc import Mapping
@@ -26,10 +29,12 @@ from landerd.vision.plate_outline import PlateOutline, outlines
 from landerd.vision.pose import circle, px_per_m, rotation_from
 from landerd.vision.ring_explained import Vouches
 
-_MIN_RADIUS_PX = 3.5  # of the ring: nothing can be said against smaller ones
-_RATIO_TELLS_PX = 14.0  # radius of the ring from which on its ratio tells it from others
-_MOST_CUT = 0.6  # of what tells its black and white, that may be out of the picture
-_OWN_WHITE = 1.1  # times the ring's radius: within the margin of any print
+_MIN_RADIUS_PX = 3.5  # of a ring: smaller ones are not refused
+_RATIO_TELLS_PX = 14.0  # radius from which on a ring's ratio tells it from others
+_MOST_CUT = 0.6  # share of the points that tell its black and white that may be out of the picture
+# Radius of the circle on which the white about a ring is measured, in the ring's radii: it is
+# within the margin of any print.
+_OWN_WHITE = 1.1
 
 
 class PlateCheck:
@@ -38,29 +43,40 @@ class PlateCheck:
     def __init__(
         self, camera: CameraModel, layout: PadLayout, headings: Mapping[Ring, PlateHeading]
     ) -> None:
-        """Look at the outlines about each ring of a pad; `headings`: of those with some beside."""
+        """Prepare the outlines about each ring of a pad.
+
+        Args:
+            camera: the lens.
+            layout: the pad.
+            headings: of the rings that have other markers beside them.
+        """
         self._camera, self._headings = camera, headings
         self._outlines = {ring: PlateOutline(outlines(layout, ring)) for ring in layout.rings}
         self._last: tuple[MarkerSighting, bool | None] | None = None
 
     def contradicts(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool:
-        """Tell whether a ring cannot be the pad's, as it lacks the plate.
+        """Tell whether a sighting cannot be the pad's ring, as the plate about it is missing.
 
         Args:
             image: grey image (height, width).
             ring: of the pad.
-            sighting: what was taken for it.
+            sighting: of what was taken for that ring.
         """
         return self._is_seen(image, ring, sighting) is False
 
     def supports(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool:
-        """Tell whether it is more than not contradicted, where the plate has the ring alone."""
+        """Tell whether the plate counts as seen about a sighting.
+
+        Where the plate carries the ring alone it must be seen; else it is enough that it is not
+        known to be missing.
+        """
         is_seen = self._is_seen(image, ring, sighting)
         return is_seen is True if ring not in self._headings else is_seen is not False
 
     def _is_seen(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool | None:
-        """Tell whether the plate is about a ring under any of its poses; None: it may be."""
-        if self._last is None or self._last[0] is not sighting:  # the search asks, and then vision
+        """Tell whether the plate is seen about a ring under one of its poses; None: undecided."""
+        # Kept, as the search asks about a sighting, and then `vision` does.
+        if self._last is None or self._last[0] is not sighting:
             is_seen: bool | None = False
             for s in sighting.solutions:
                 of_pose = self._is_about(image, ring, np.array(s.position), np.array(s.normal))
@@ -71,7 +87,7 @@ class PlateCheck:
         return self._last[1]
 
     def voucher(self, image: U8, ring: Ring) -> Vouches | None:
-        """Return what tells whether the plate is seen about a ring; None: it cannot be."""
+        """Return the test whether the plate is seen about a ring; None: it carries that alone."""
         if ring not in self._headings:
             return None
 
@@ -81,7 +97,7 @@ class PlateCheck:
         return vouches
 
     def _is_about(self, image: U8, ring: Ring, t: F64, normal: F64) -> bool | None:
-        """Tell whether there is a heading under which a ring's pose has the plate about it."""
+        """Tell whether the plate is seen about a ring's pose; None: undecided."""
         radius_px = self._radius_px(ring, t, normal)
         if radius_px < _MIN_RADIUS_PX:
             return None
@@ -93,7 +109,7 @@ class PlateCheck:
         return px_per_m(self._camera, t, normal) * ring.radius_m
 
     def _has_outlines(self, image: U8, ring: Ring, t: F64, normal: F64) -> bool | None:
-        """Tell whether a ring's pose has the plate about it; None: it cannot be looked at."""
+        """Tell whether the outlines are seen about a ring's pose; None: too little is in view."""
         axes = rotation_from(normal)[:, :2]
         rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
         levels = levels_at(image, self._camera, t + ring.radius_m * rims @ axes.T)

@@ -1,14 +1,18 @@
 """A pad's heading by the outline of its plate about a ring, where no marker can be read.
 
-A tag of a pad is a third as wide as its ring: it is read from half as far, and dirt, glare or leaf
+A pad's tag is a third as wide as its ring: it can be read from half as far, and dirt, glare or leaf
 shade may hide its code down to the ground. The plate is wider than the ring, and the ring is seldom
-in its middle: of all ways to turn plate and prints about the ring one has white just inside its
-sides and the ground beyond. The nearest way is found first; how far each place of the outline lies
-from it then tells heading, place and size of the plate, of which the heading is kept.
+at its centre. So of all headings of plate and prints about the ring only one has white just inside
+the plate's sides and ground beyond. The nearest of `HEADINGS` is found first; the distances of the
+plate's sides from it (`plate_sides`) then give heading, place and size, of which the heading is
+kept.
 
-Where the plate looks alike from two sides and no print tells them apart nothing is told. Nor where
-a square on it is seen so large that its cells would be told apart, and are not those of its print:
-the plate may be that of another pad.
+No heading is given if the plate looks alike from two sides and no print distinguishes them; nor if
+a square on it is large enough in the picture for its cells to be seen, and they are not those of
+its print: the plate may be another pad's.
+
+`vision` adds the heading to a ring's measurement; `plate_check` asks whether the plate stands out
+at one heading.
 """
 
 import math
@@ -29,54 +33,66 @@ from landerd.vision.square import printed_cells
 
 _ALL = slice(None)
 _MIN_DIAMETER_PX = 18.0  # of the ring where it is narrowest
-_SAME_CHI2 = 12.0  # a mirrored pose of the ring that is worse by more is left
-_LEAST_PRINT_PX = 5.0  # of smaller prints nothing is asked
-# A step counts as whole that is such a share of the light on both sides together; so many grey
-# levels are noise. Where white is over full scale a smaller share; where the ground is, nothing is
-# known of it.
+_SAME_CHI2 = 12.0  # a mirrored pose of the ring is not tried if its chi-square is larger by more
+
+# ---- how much of the outlines is seen ----------------------------------------------------------
+_LEAST_PRINT_PX = 5.0  # side of a print, px: smaller ones tell nothing
+# A step (level inside minus level beyond an outline) counts in full from this share of the sum of
+# both levels on, each increased by _NOISE, grey levels. The share is smaller where white is
+# clipped; where the ground is clipped, the plate's outline tells nothing.
 _WHOLE_STEP, _WHOLE_STEP_CLIPPED, _NOISE = 0.15, 0.05, 8.0
-_PLATE_WEIGHT = 0.65  # of the plate's outline, the rest of the prints'
-_LEAST_IN_VIEW = 0.6  # of the plate's outline
-# How much of the outlines must be seen, and more than in any way that is turned further.
+_PLATE_WEIGHT = 0.65  # of the plate's outline; the rest is that of the prints'
+
+# ---- which heading -----------------------------------------------------------------------------
+_LEAST_IN_VIEW = 0.6  # share of the plate's outline that must be in the picture
+# How much of the outlines must be seen, from 0 to 1, and by how much more (the lead) than at any
+# heading turned by more than the third.
 _LEAST_SEEN, _LEAST_LEAD, _OTHER_WAY = 0.5, 0.2, math.radians(30.0)
-# A ring is another's where the lead of all outlines and that of the plate's alone, as prints fade,
-# are below this share of a clean pad's, or less is seen. Where less than this share of the plate is
-# in the picture it may be the pad's if so much of what is there is seen. Of 62 looks at other rings
-# on 140 field days that nothing else refused 42 are, of 551 at pads five.
-_LEAD_SHARE, _LEAST_STANDS_OUT = 0.25, 0.35
-_WHOLE_VIEW, _CUT_VIEW, _CUT_STANDS_OUT = 0.7, 0.25, 0.6
-# The same where it would be cut at any heading, so that there is none to compare with. Of 180 pads
-# whose ring the picture's edge cuts three had less than 0.6, 0.46 at least; of 100 black hoops so
-# cut that nothing else refused five had 0.42 at most.
-_ALL_CUT_STANDS_OUT = 0.45
-# On ground as bright as the plate, whose outline is not seen then, prints stand out alone: where
-# the outline's steps are on the whole, either way, such a share of whole ones at most, and the
-# prints' this much, with that lead, of as many of them in view. On white concrete and snow nine
-# pads that the outline had refused gave 0.83 at least with leads from 0.79; of 160 other rings on
-# concrete with up to three dark squares about them two pass, both too small for the code to tell.
-_EVEN_GROUND, _PRINTS_STAND_OUT, _PRINTS_LEAD, _PRINTS_VIEW = 0.25, 0.7, 0.5, 0.4
-# The same, and the share in view, where the heading is known to be near.
+# If the heading is known to lie within the third: how much must be seen there, and the share that
+# must be in the picture.
 _LEAST_SEEN_CUT, _LEAST_CUT, _NEAR = 0.7, 0.2, math.radians(15.0)
-# Of the plate's middle and size against what the ring and the pad file make of them: of the ring's
-# radius, and of the size.
+# Sigma of the plate's centre, in radii of the ring, and of its size, a share, against what the ring
+# and the pad file tell.
 _OFF_SIGMA, _SIZE_SIGMA = 0.1, 0.05
-# Of 560 rings of 40 field days, 18 px wide and more, the error over sigma is 0.6 rms (1.0 of the
-# smallest): how askew a plate is that a builder measured nobody knows.
+# Factor on the fit's sigma, and the least that is added to it, rad: the error over the stated sigma
+# of 560 rings of 40 field days, 18 px wide and more, is 0.6 rms (1.0 for the smallest). How askew a
+# plate is that a builder measured nobody knows.
 _INFLATION, _LEAST_SIGMA = 2.0, math.radians(1.0)
 
+# ---- whether the plate stands out at one heading -----------------------------------------------
+# A ring is not the pad's if the lead of all outlines and that of the plate's alone (prints fade)
+# are below the first times that of a clean pad, or if less than the second is seen. Headings with
+# more than _WHOLE_VIEW of the plate in the picture are compared; one with less, but more than
+# _CUT_VIEW, leaves it open if more than _CUT_STANDS_OUT of what is in view is seen. Of 62 looks at
+# other rings on 140 field days that nothing else refused 42 are refused so, of 551 at pads five.
+_LEAD_SHARE, _LEAST_STANDS_OUT = 0.25, 0.35
+_WHOLE_VIEW, _CUT_VIEW, _CUT_STANDS_OUT = 0.7, 0.25, 0.6
+# The same as _CUT_STANDS_OUT if the plate would be cut at every heading, so that there is none to
+# compare with. Of 180 pads whose ring the picture's edge cuts three had less than 0.6, 0.46 at
+# least; of 100 black hoops so cut that nothing else refused five had 0.42 at most.
+_ALL_CUT_STANDS_OUT = 0.45
+# On ground as bright as the plate, whose outline is not seen there, prints decide alone. Ground is
+# such if the mean size of the outline's steps is at most the first, at every heading. Then so much
+# of the prints must be seen, with this lead, where at least this share of them is in view. On white
+# concrete and snow nine pads that the outline had refused gave 0.83 at least with leads from 0.79;
+# of 160 other rings on concrete with up to three dark squares about them two pass, both too small
+# for the code to tell.
+_EVEN_GROUND, _PRINTS_STAND_OUT, _PRINTS_LEAD, _PRINTS_VIEW = 0.25, 0.7, 0.5, 0.4
 
-# A square whose cells are so wide, px, is looked at, where so much of it is in view; moved by as
-# many cells at most, its code's cells must correlate with their print. Of 27 pictures of three tags
-# that dirt, glare or leaf shade hid from every decoder all day 23 do; of 26 other prints one in
-# 150, one in 25 on those three.
+# ---- whether the code on it is another's -------------------------------------------------------
+# A square is checked if its cells are at least this wide, px, and at least this share of them is in
+# view. Its code's cells, moved by one of these shifts, in cells, to the north and east, must
+# correlate with the print by at least the last. Of 27 pictures of three tags that dirt, glare or
+# leaf shade hid from every decoder all day 23 do; of 26 other prints one in 150, one in 25 on those
+# three.
 _CELL_PX, _LEAST_CELLS = 2.0, 0.4
 _SHIFTS, _LEAST_CORRELATION = (-0.4, 0.0, 0.4), 0.4
-_LEAST_SCATTER = 4.0  # grey levels, rms: what has less is one dark square
+_LEAST_SCATTER = 4.0  # grey levels, rms: with less it is one dark square
 
 
 @dataclass(frozen=True, slots=True)
 class PlateNorth:
-    """Where a pad's north is by its plate."""
+    """A pad's north as its plate shows it."""
 
     north: F64  # unit vector (3,) in the ring's plane, camera frame
     sigma: float  # rad
@@ -86,9 +102,9 @@ class PlateHeading:
     """The outlines of a pad's plate and prints about one of its rings.
 
     Attributes:
-        about: the outlines.
-        sides: the plate's, to be fitted.
-        angles: the headings that are tried, rad.
+        about: places on the outlines.
+        sides: of the plate, to be fitted.
+        angles: headings that are tried, rad.
     """
 
     def __init__(self, layout: PadLayout, ring: Ring) -> None:
@@ -122,8 +138,8 @@ class PlateHeading:
             image: grey image (height, width).
             camera: the lens.
             ring: its solutions, best first.
-            known: where north is expected to be (3,), camera frame: near it, sides of the plate
-                tell it that have no other in the picture.
+            known: expected north (3,), camera frame: near it less of the plate need be in the
+                picture.
         """
         best: tuple[float, PlateNorth] | None = None
         for s in ring:
@@ -148,7 +164,10 @@ class PlateHeading:
     def _nearest_way(
         self, image: Image, camera: CameraModel, t: F64, axes: F64, known: F64 | None
     ) -> tuple[float, float] | None:
-        """Return how much of the outlines is seen, and the heading about the axes (3, 2)."""
+        """Return how much is seen at the best heading, and that heading, rad; None: too little.
+
+        Headings are about the axes (3, 2).
+        """
         if known is not None:
             north, east = axes.T @ known
             off = np.abs(wrapped(self.angles - math.atan2(east, north)))
@@ -161,18 +180,19 @@ class PlateHeading:
         seen, plate_in_view = self.ways(image, camera, t, axes)
         whole = np.where(plate_in_view > _LEAST_IN_VIEW, seen, -1.0)
         k = int(np.argmax(whole))
-        # Cut off behind its tag a plate looks like one that is turned by a quarter and cut less.
+        # For the lead, cut headings count too: a plate cut off behind its tag looks like one that
+        # is turned by a quarter and cut less.
         seen = np.where(plate_in_view > _CUT_VIEW, seen, -1.0)
         if whole[k] < _LEAST_SEEN or self._lead(seen, k) < _LEAST_LEAD:
             return None
         return float(seen[k]), float(self.angles[k])
 
     def stands_out(self, image: Image, camera: CameraModel, t: F64, axes: F64) -> bool | None:
-        """Tell whether the plate is seen about a ring at one heading more than at any other.
+        """Tell whether the plate is seen about a ring at one heading more than at others.
 
-        Or its prints, on ground as bright as the plate, if no other code is seen there. White on
-        all sides, or ground with bright spots, is seen alike at many. None: that cannot be
-        told, as the plate may be out of the picture.
+        On ground as bright as the plate its prints must be, and no other code be seen there. White
+        on all sides, or ground with bright spots, looks alike at many headings. None: undecided,
+        as the plate may be out of the picture.
 
         Args:
             image: grey image (height, width).
@@ -196,7 +216,7 @@ class PlateHeading:
         return leads and float(seen.max()) > _LEAST_STANDS_OUT
 
     def _of_prints_alone(self, steps: F64, weights: F64) -> int | None:
-        """Return the heading at which prints stand out on ground as bright as the plate, if any."""
+        """Return the index of the heading at which prints stand out on bright ground; else None."""
         is_plate = self.about.is_plate
         if _mean(np.abs(steps), weights * is_plate).max() > _EVEN_GROUND:
             return None
@@ -211,15 +231,15 @@ class PlateHeading:
         return any(code.is_another(image, camera, t, axes) for code in self._codes)
 
     def _lead(self, seen: F64, of: int | None = None) -> float:
-        """Return how much more is seen at a heading than at any that is turned further.
+        """Return how much more is seen at a heading than at any turned by more than `_OTHER_WAY`.
 
-        `of`: its number; None: of that at which most is seen.
+        `of` is the heading's index; None: that at which most is seen.
         """
         k = int(np.argmax(seen)) if of is None else of
         return float(seen[k]) - float(np.roll(seen, -k)[self._is_other].max())
 
     def _clean_leads(self, layout: PadLayout, ring: Ring) -> tuple[float, float]:
-        """Return the leads of a pad of which all is seen, and of its plate alone."""
+        """Return the leads of all outlines and of the plate's alone for a pad of ideal contrast."""
         inside, beyond = (
             _is_white(layout, ring, p @ self._turns).astype(float) for p in self.about.beside()
         )
@@ -235,10 +255,18 @@ class PlateHeading:
         axes: F64,
         which: NDArray[np.intp] | slice = _ALL,
     ) -> tuple[F64, F64]:
-        """Return how much of the outlines is seen under each heading, from -1 to 1.
+        """Return how much of the outlines is seen at each heading, and how much is in the picture.
 
-        And the share of the plate's that is in the picture; arguments as of `PlateSides.fit`, and
-        which of the headings.
+        Args:
+            image: grey image (height, width).
+            camera: the lens.
+            t: the ring's centre (3,), camera frame, m.
+            axes: two unit vectors (3, 2) in the ring's plane.
+            which: indices of the headings.
+
+        Returns:
+            weighted mean of the steps, from -1 to 1, and share of the plate's outline in the
+            picture, (headings,) each.
         """
         steps, weights, plate_in_view = self._steps(image, camera, t, axes, which)
         return _mean(steps, weights), plate_in_view
@@ -251,7 +279,7 @@ class PlateHeading:
         axes: F64,
         which: NDArray[np.intp] | slice = _ALL,
     ) -> tuple[F64, F64, F64]:
-        """Return steps and weights (headings, n) of the outlines, and the plate's share in view."""
+        """Return steps (-1 to 1) and weights (headings, n), and the plate's share in view."""
         about = self.about
         px, inside, beyond = about.levels(image, camera, t, axes, self._turns[which])
         in_view = ~np.isnan(inside - beyond)
@@ -270,10 +298,7 @@ def _mean(steps: F64, weights: F64) -> F64:
 
 
 def _is_white(layout: PadLayout, ring: Ring, points: F64) -> NDArray[np.bool_]:
-    """Tell of points (..., 2) about a ring, pad's axes, m, whether they lie on white of the plate.
-
-    On prints none does.
-    """
+    """Tell which points (..., 2) about a ring, pad's axes, m, lie on the plate but on no print."""
     plate, at = layout.plate, points + np.array(ring.position_m)
     north, east = np.moveaxis(at, -1, 0)
     is_white: NDArray[np.bool_] = (-plate.south_m < north) & (north < plate.north_m)
@@ -290,10 +315,10 @@ def _is_white(layout: PadLayout, ring: Ring, points: F64) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True)
 class _Code:
-    """The cells of a square's code about a ring."""
+    """The cells of a square's code, as they lie about a ring."""
 
     cells: F64  # 1 white and -1 black, less their mean, (n,)
-    points: F64  # their middles under all shifts, (shifts, n, 2), pad's axes, m
+    points: F64  # centres under all shifts, (shifts, n, 2), from the ring's centre, pad's axes, m
     cell_m: float
 
     @classmethod

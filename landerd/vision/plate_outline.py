@@ -1,8 +1,9 @@
-"""How much of the outlines of a pad's plate and of its prints is seen about a ring.
+"""How much of the outlines of a pad's plate, and of the prints on it, is seen about a ring.
 
-On either side of an outline lies the same light, whatever shadow's edge is near: the plate is
-brighter than the ground just beyond it, and than the prints on it, nearly everywhere. Texture and
-spots of light are brighter somewhere, but not along straight lines at known places.
+Light is the same on both sides of an outline, except at a shadow's edge: nearly everywhere the
+plate is brighter than the ground just beyond its edge, and than the prints on it. Texture and spots
+of light are brighter somewhere, but not along straight lines at known places. `plate_check`,
+`plate_heading`, `plate_sides` and `plate_ring` use these places.
 """
 
 import math
@@ -19,38 +20,41 @@ from landerd.vision.pose import circle, normal_of, px_per_m, rotation_2d
 from landerd.vision.square_pose import square_points
 
 HEADINGS = 64  # that are tried
-# How far from the outline either side is looked at: of the ring's radius, of a print's side; and
-# px, for which blur leaves something of the step.
+# How far from the outline either side is looked at: a share of the ring's radius (plate), of a
+# print's side (print); and at least this many px, so that blur leaves something of the step.
 _BESIDE_PLATE, _BESIDE_PRINT, _BLUR_PX = 0.12, 0.16, 1.5
 _PER_SIDE = 8  # places on each side of an outline
-_LEAST_SEEN = 0.7  # of the places that must be in the picture
-# Where fewer are: of the plate's, and the share of those with a step below which it is another's.
+_LEAST_SEEN = 0.7  # share of the places that must be in the picture
+# If fewer are: the least share of the plate's places that must tell something, and the share of
+# those with a step below which the ring is not the pad's.
 _LEAST_CUT, _LEAST_PLATE_CUT = 0.25, 0.7
-# Up to such a share of places with a step, either way, the ground is as bright as the plate.
+# Up to this share of places with a step, in either direction, ground counts as bright as the plate.
 _EVEN_GROUND = 0.2
-_LEAST_PRINT_PX = 3.0  # of smaller prints nothing is known
-# A step, as share of the ring's contrast, which is understated where white is over full scale, and
-# grey levels.
+_LEAST_PRINT_PX = 3.0  # side of a print, px: smaller ones tell nothing
+# Least step, as a share of the ring's contrast, and in grey levels. The contrast is understated
+# where white is clipped, so the share is smaller there.
 _STEP, _STEP_CLIPPED, _LEAST_STEP = 0.1, 0.05, 4.0
-CLIPPED = 250.0  # grey level
-_PLATE_WEIGHT = 0.6  # of the plate's outline, the rest of the prints'
-# What is taken off where the plate's side of the outlines is on the whole darker than the white
-# about the ring (of the way from black to it), or brighter than the sun makes it.
+CLIPPED = 250.0  # grey level from which on white counts as clipped, over full scale
+_PLATE_WEIGHT = 0.6  # of the plate's outline; the rest is that of the prints'
+# Deduction from the share of steps if the plate inside its outlines is mostly darker than the white
+# about the ring: the first per share of the ring's contrast. The same if it is brighter than the
+# second, in units of that contrast: more than sun makes it. The deduction is at most the third.
 _PER_DARKER, _BRIGHTEST, _MOST_OFF = 0.5, 1.4, 0.3
-# Share of the outlines, less that, with which they are the pad's; the same where white is over full
-# scale; of the plate's alone, where prints are faded; and of the prints', less that, on ground as
-# bright as the plate. 6500 looks at pads and 1320 at other rings, in single pictures of 1000 field
-# days, half of them among look-alikes, a third over full scale:
+# Least share of the places with a step, after deduction; the same where white is clipped; that of
+# the plate's alone, without deduction, where prints are faded; and that of the prints' alone, after
+# deduction, on ground as bright as the plate. 6500 looks at pads and 1320 at other rings, in single
+# pictures of 1000 field days, half of them among look-alikes, a third over full scale:
 #   ring's radius, px   6-9     9-12     12-16    16-24    more
 #   pads refused        6.8 %   3.6 %    5.1 %    4.4 %    1.4 %
 #   others passed       42 %    14 %     17 %     7 of 37  2 of 7
 _LEAST, _LEAST_CLIPPED, _LEAST_PLATE, _LEAST_PRINTS = 0.66, 0.44, 0.95, 0.88
-# The same of a plate that carries the ring alone. Of 131 looks at manholes on two field days all
-# but one have 0.28 at most; wheels have 0.7 (ring_explained._EVEN_CONTRAST).
+# The same (first one) for a plate that carries the ring alone. Of 131 looks at manholes on two
+# field days all but one have 0.28 at most; wheels have 0.7 (ring_explained._EVEN_CONTRAST).
 _LEAST_ALONE = 0.4
-# The same where much lies in another light than the ring, of which nothing is taken off: of 242
-# looks at pads with a shadow's edge to 0.2 across them 57 are refused without it, 2 with it. Less
-# where the ring lies in the shadow: of 112 others refused on 120 field days none had 0.77.
+# The same without deduction, where much of the plate lies in another light than the ring: steps are
+# compared with the light at their own place. Of 242 looks at pads with a shadow's edge across them,
+# to 0.2 of the light, 57 are refused without this rule, 2 with it. The limit is lower if the ring
+# lies in the shadow: of 112 other rings refused on 120 field days none had 0.77.
 _LEAST_IN_OWN_LIGHT, _LEAST_IN_SHADOW = 0.95, 0.82
 
 
@@ -59,40 +63,40 @@ class Outlines:
     """Places on the outlines of a plate and of the prints on it, about a ring."""
 
     places: F64  # from the ring's centre, pad's axes, m, (n, 2)
-    ways: F64  # across the outline to where the plate is white, as long as sizes, (n, 2)
-    sizes: F64  # of what has the outline: the ring's radius for the plate, a print's side, m, (n,)
-    is_plate: Mask  # (n,)
+    ways: F64  # vectors across the outline to the plate's white, as long as sizes, m, (n, 2)
+    sizes: F64  # of the outlined thing: the ring's radius for the plate, a print's side, m, (n,)
+    is_plate: Mask  # of the plate's outline, else of a print's, (n,)
 
     def weights(self, plate: float) -> F64:
-        """Return the weights (n,) of the places: a share for the plate's, the rest for prints'."""
+        """Return the weights (n,) of the places: `plate` in total for the plate's, else prints'."""
         n = int(self.is_plate.sum())
         shares = plate / n, (1.0 - plate) / max(len(self.is_plate) - n, 1)
         return np.where(self.is_plate, *shares)
 
     def beside(self, least: F64 | None = None) -> tuple[F64, F64]:
-        """Return points (n, 2) within the outlines and beyond, pad's axes, m.
+        """Return points on the white side of the outlines and beyond them, (n, 2), pad's axes, m.
 
         Args:
-            least: from the outlines, of what has them, (n,); None: as far as is looked at.
+            least: smallest distance from the outlines, in sizes, (n,); None: the usual distances.
         """
         share = np.where(self.is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
-        # Not so far that it would be beyond the middle of a small print.
+        # Half a size at most: farther would be beyond the centre of a small print.
         ways = self.ways * (share if least is None else np.clip(least, share, 0.5))[:, None]
         return self.places + ways, self.places - ways
 
     def levels(
         self, image: U8, camera: CameraModel, t: F64, axes: F64, turns: F64
     ) -> tuple[F64, F64, F64]:
-        """Return how large what has the outlines is (n,), px, and the levels within and beyond.
+        """Return sizes (n,) in px, and grey levels on the white side and beyond, (turns, n) each.
 
-        The levels are (turns, n); NaN out of the picture.
+        Levels are NaN out of the picture.
 
         Args:
             image: grey image (height, width).
             camera: the lens.
             t: the ring's centre (3,), camera frame, m.
             axes: two unit vectors (3, 2) in the ring's plane.
-            turns: of the plate on it, (turns, 2, 2), transposed.
+            turns: rotations of the plate in that plane, transposed, (turns, 2, 2).
         """
         px = px_per_m(camera, t, normal_of(axes)) * self.sizes
         points = np.concatenate(self.beside(_BLUR_PX / px))
@@ -102,24 +106,24 @@ class Outlines:
 
 
 class PlateOutline:
-    """The outlines about one ring of a pad."""
+    """Tells whether the outlines about one ring of a pad are seen, at some heading."""
 
     def __init__(self, about: Outlines) -> None:
-        """Take the places."""
+        """Prepare with the places on the outlines."""
         self._about, self._is_plate = about, about.is_plate
         self._weights = about.weights(_PLATE_WEIGHT)
         self._has_prints = not about.is_plate.all()
         self._least = _LEAST if self._has_prints else _LEAST_ALONE
         turns = [rotation_2d(2.0 * math.pi * k / HEADINGS).T for k in range(HEADINGS)]
-        # Every second heading first: most pads are seen under one of them.
+        # Every second heading first: most pads are seen at one of them.
         self._turns = np.stack(turns[::2]), np.stack(turns[1::2])
 
     def is_seen(
         self, image: U8, camera: CameraModel, t: F64, axes: F64, levels: tuple[float, float]
     ) -> bool | None:
-        """Tell whether enough of the outlines is seen under one heading.
+        """Tell whether enough of the outlines is seen at one heading at least.
 
-        None: under none, but under one it cannot be looked at.
+        None: at none, but at one at least too much is out of the picture to tell.
 
         Args:
             image: grey image (height, width).
@@ -141,10 +145,14 @@ class PlateOutline:
     def _seen(
         self, inside: F64, beyond: F64, is_known: Mask, levels: tuple[float, float]
     ) -> tuple[Mask, Mask]:
-        """Tell of each heading whether they are seen, and whether they cannot be looked at.
+        """Tell for each heading whether the outlines are seen, and whether that cannot be told.
 
-        From the grey levels (headings, n) beside the outlines. Of ground that is over full scale as
-        white is, and of what is_known (n,) excludes, nothing is known.
+        Args:
+            inside: grey levels on the white side, (headings, n).
+            beyond: grey levels on the other side, (headings, n); ground that is clipped, as the
+                white is, tells nothing.
+            is_known: which places tell something, (n,).
+            levels: of the ring's black and of the white about it.
         """
         (black, white), is_plate = levels, self._is_plate
         contrast, is_clipped = max(white - black, 1.0), white > CLIPPED
@@ -186,7 +194,7 @@ def has_beside(layout: PadLayout, ring: Ring) -> bool:
 def outlines(layout: PadLayout, ring: Ring) -> Outlines:
     """Return the outlines of the plate about a ring, and of the markers beside it."""
     places, ways = along(plate_corners(layout.plate), _PER_SIDE)
-    # Ways lead to where the plate is white, as long as what has the outline is large.
+    # See `Outlines.ways`.
     parts = [(places, -ring.radius_m * ways)]
     for marker in layout.markers:
         if marker.position_m == ring.position_m:

@@ -1,8 +1,11 @@
-"""A ring on level ground that nothing shows but its plate's four sides, and light and dark on it.
+"""A ring on level ground by the four sides of its plate, where nothing else shows it.
 
-Where leaf shade, dirt or blur leave neither edges nor levels of a ring, the plate about it is still
-told by its sides: place, heading and size on a plane that gravity gives, and with them where the
-ring is. That there is one is asked of what should be bright and dark on it.
+Where leaf shade, dirt or blur leave neither edges nor grey levels of a ring to be fitted, the sides
+of the plate still tell its place, heading and size on the plane that gravity gives, and with them
+where the ring is. Whether there is a ring is decided by what should be bright and dark on it.
+
+`ring_search` calls `find` at places that correlate with a level ring (`ring_match`), `search` calls
+`near` where an expected ring's place is uncertain. The sighting has stage PLATE.
 """
 
 import math
@@ -29,38 +32,40 @@ from landerd.vision.pose import (
 )
 from landerd.vision.ring_match import DARK, SMALLEST_PX, STEP, matches
 
-# Factors on the size that correlation found, of which the best goes on.
+# Factors on the size that correlation found; the one that correlates best is used.
 _SIZES = (0.8, 0.87, 0.94, 1.0, 1.07, 1.15, 1.23)
-_OFF_SIGMA, _SIZE_SIGMA = 0.3, 0.15  # of that place, in radii, and of that size
-# Circles about the ring's centre at which it is compared: of the hole's radius, within the stroke
-# from its inner edge on, and of the ring's radius.
+_OFF_SIGMA, _SIZE_SIGMA = 0.3, 0.15  # sigma of the place found, in radii, and of the size, a share
+# Radii of the circles about the ring's centre on which it is compared: in the hole, in its radii;
+# in the stroke, shares of its width from the inner edge; outside, in the ring's radii.
 _INSIDE, _STROKE, _OUTSIDE = (0.25, 0.54, 0.8), (0.15, 0.32, 0.5, 0.67, 0.83), (1.08, 1.15, 1.2)
-_RAYS = 32
-_MOST_CUT = 0.3  # of that, out of the picture
-# How much of the plate's outlines is seen roughly; then of its sides' places, all and of each side,
-# with a step beyond this share of the light on both sides, and grey levels.
+_RAYS = 32  # points on each circle
+_MOST_CUT = 0.3  # largest share of these points out of the picture
+# How much of the outlines must be seen at the best of `HEADINGS`; after the fit, the share of the
+# places on all sides with a step, and the same for each side.
 _LEAST_ROUGH, _LEAST_SIDES, _LEAST_SIDE = 0.4, 0.9, 0.6
+# Least step: a share of the sum of the levels on both sides, and grey levels.
 _STEP, _LEAST_STEP = 0.06, 4.0
-# Of the ring: shares of the rays on which the stroke is darker than margin and hole, by so much of
-# a logarithm, both on the median by more; and the correlation. Of the rings of 16 px and more that
-# nothing else showed in 240 pictures of 106 field days three in ten have all of it, one of those
-# more than a tenth of the range off; of 800 look-alikes and 176 photographs none.
+# What the ring must show, in logarithms of grey levels: the share of the rays on which margin and
+# hole are brighter than the stroke by more than the first; the difference of their medians; and the
+# correlation with white, black, white. Of the rings of 16 px and more that nothing else showed in
+# 240 pictures of 106 field days three in ten pass, one of those more than a tenth of the range off;
+# of 800 look-alikes and 176 photographs none.
 _DARKER, _LEAST_DARKER = 0.08, (0.6, 0.8)
 _LEAST_MEDIAN, _LEAST_CORRELATION = 0.1, 0.45
-# What stands out by half as much as the second of these is hidden by less, and is to be more alike;
-# by more it would have been told by itself.
+# A ring whose medians differ by more than the first is less hidden, and must correlate better: up
+# to the third at the second. One that differs by more than that would have been found by itself.
 _CLEAR_FROM, _CLEAR, _CLEAR_CORRELATION = 0.5, 1.0, 0.85
-# What the sides' scatter does not tell: of the range, of the radius aside, and of the normal, which
-# is gravity's; and by how many px bright white has grown to all sides.
+# Errors that the scatter of the sides does not show: of the range, a share, and aside, in radii;
+# and by how many px bright white has grown on all sides. (The normal's error is gravity's.)
 _RANGE_SIGMA, _ASIDE_SIGMA = 0.03, 0.1
 _GROWN_PX = 0.5
-_INFLATION = 2.0
+_INFLATION = 2.0  # factor on the covariance of the sides' fit
 _OUTLINE_POINTS = 32
-_LARGEST_PX = 100.0  # of a ring: larger ones show more than that, and their plate is cut
+_LARGEST_PX = 100.0  # diameter: larger rings show more by themselves, and their plate is cut
 
 
 class PlateRing:
-    """What is looked at about one ring of a pad."""
+    """Finds one ring of a pad by the sides of the plate about it."""
 
     def __init__(self, plate: Plate, ring: Ring, heading: PlateHeading) -> None:
         """Prepare the places to look at, beside those of the heading about the same ring."""
@@ -78,9 +83,9 @@ class PlateRing:
     def near(
         self, image: Image, camera: CameraModel, expected: F64, down: Vec3
     ) -> MarkerSighting | None:
-        """Return the ring on a level plate that is about where it is expected; None: none is.
+        """Return the ring on a level plate near where it is expected; None: none is seen.
 
-        Arguments as of `find`, but that the ring may lie its diameter aside.
+        Arguments as of `find`, except that the ring may lie its diameter aside of `expected`, (3,).
         """
         if float(expected[2]) < MIN_DEPTH_M:
             return None
@@ -95,12 +100,12 @@ class PlateRing:
         return self.find(image, camera, places[0], down) if places else None
 
     def find(self, image: Image, camera: CameraModel, t: F64, down: Vec3) -> MarkerSighting | None:
-        """Return the ring on a level plate about a place; None: none is seen.
+        """Return the ring on a level plate at a place; None: none is seen.
 
         Args:
             image: grey image (height, width).
             camera: the lens.
-            t: where the ring's centre may be (3,), camera frame, m; the range to a fifth.
+            t: where the ring's centre may be, (3,), camera frame, m; its range to within a fifth.
             down: unit vector of gravity, camera frame.
         """
         normal = np.array(down)
@@ -124,12 +129,12 @@ class PlateRing:
         return self._sighting(camera, at, axes, fit.covariance)
 
     def _levels(self, image: Image, camera: CameraModel, at: F64, axes: F64) -> F64:
-        """Return logarithmic levels (circles * rays,) about a centre; NaN out of the picture."""
+        """Return logarithms of levels (circles * rays,) about a centre; NaN out of the picture."""
         levels: F64 = np.log(levels_at(image, camera, at + self._points @ axes.T) + DARK)
         return levels
 
     def _correlation(self, levels: F64) -> float:
-        """Return the correlation coefficient with white, black, white; -1: it is cut."""
+        """Return the correlation of levels with white, black, white; -1: too many are cut off."""
         in_view = ~np.isnan(levels)
         if in_view.mean() < 1.0 - _MOST_CUT:
             return -1.0
@@ -138,7 +143,7 @@ class PlateRing:
         return float(a @ b) / math.sqrt(max(float(a @ a) * float(b @ b), 1e-9))
 
     def _is_ring(self, levels: F64) -> bool:
-        """Tell whether the stroke is darker than margin and hole, and as much as it stands out."""
+        """Tell whether levels show a stroke between margin and hole that is darker than both."""
         correlation = self._correlation(levels)
         if correlation < _LEAST_CORRELATION:
             return False
@@ -156,7 +161,7 @@ class PlateRing:
         return _LEAST_MEDIAN < min(medians) < _CLEAR and correlation > float(wanted)
 
     def _has_sides(self, image: Image, camera: CameraModel, at: F64, north: F64) -> bool:
-        """Tell whether all sides of the plate are seen, under the pad's axes north (3, 2)."""
+        """Tell whether all sides of the plate are seen; `north` are the pad's axes (3, 2)."""
         about = self._heading.about
         _, inside, beyond = about.levels(image, camera, at, north, np.eye(2)[None])
         steps = inside - beyond > np.maximum(_STEP * (inside + beyond), _LEAST_STEP)

@@ -1,9 +1,10 @@
 """Where a pad's ring is by the outline of its plate, for rings that are broken up themselves.
 
-Leaf shade together with dirt leaves nothing dark that is as a whole round, while the white plate
-still has four straight sides. What is bright and has four corners is taken for the plate, its pose
-worked out (Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 2014), and what
-should be bright and dark there is looked at in a few places.
+Leaf shade together with dirt leaves no dark component that is round as a whole, while the white
+plate still has four straight sides. Bright areas with four corners are taken for the plate, their
+poses computed (Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 2014), and
+the one is returned under which the edges of plate and ring are seen at most of a few places.
+`ring_search` starts its fit there (the part PLATE of a search).
 """
 
 from collections.abc import Sequence
@@ -22,36 +23,49 @@ from landerd.vision.pyramid import Level
 from landerd.vision.ring_pose import CirclePose
 from landerd.vision.square_pose import shortest_side
 
-# What is brighter than its surroundings (px of a level) by a factor, and some grey levels: white on
-# bright ground, and half-shaded white on dark ground, which the first would join with its sunny
-# patches. Of 192 plain pads 4 to 17 m away 149 have four corners by these, 96 by the second alone.
+# ---- bright areas with four corners ------------------------------------------------------------
+# A pixel is bright if it exceeds the mean of its surroundings (side, px of a level) by a factor and
+# by some grey levels. The first pair finds white on bright ground, the second half-shaded white on
+# dark ground, which the first would join with sunny patches of that. Of 192 plain pads 4 to 17 m
+# away 149 have four corners by these, 96 by the second alone.
 _WAYS = ((61, 1.15), (41, 1.35))
 _BRIGHTER_BY = 6.0
-_LEAST_OUTLINE_PX, _LEAST_AREA_PX, _MOST_AREA = 24, 60.0, 0.4  # the last: share of the level
-# Shares of areas: hull in the four sides round it, hull filled; and area over the outline's square
-# (a square has 1/16). Blur rounds the corners of small ones.
+# Least points of an outline, least area, px, and largest area, a share of the level.
+_LEAST_OUTLINE_PX, _LEAST_AREA_PX, _MOST_AREA = 24, 60.0, 0.4
+# Least share of the enclosing quadrilateral that the hull fills, of the hull that the area fills,
+# and least hull area over its circumference squared (a square has 1/16). Blur rounds small corners.
 _LEAST_FOUR, _LEAST_FILLED, _LEAST_WIDE = 0.8, 0.6, 0.02
-_MOST_QUADS = 8  # in a search, those with the straightest sides
-# Sides are where the picture falls off most steeply: places along each, as shares, how far across
-# them is looked, px, and how far the corners may move.
+_MOST_QUADS = 8  # of a search that are tried: those with the straightest sides
+
+# ---- sides at the steepest fall ----------------------------------------------------------------
+# Sides are moved to where grey levels fall most steeply outwards. Places along a side, as shares of
+# it, and distances across it that are looked at, px: smaller ones for sides shorter than
+# _FULL_SIDE_PX.
 _ALONG = np.linspace(0.12, 0.88, 16)
-_ACROSS = np.arange(-3.0, 3.01, 0.5)  # less far for sides shorter than this
+_ACROSS = np.arange(-3.0, 3.01, 0.5)
+# Rounds of that; length below which distances are reduced; shortest side; largest move of a corner.
 _ROUNDS, _FULL_SIDE_PX, _SHORTEST_SIDE_PX, _MOST_MOVED_PX = 2, 9.0, 4.0, 6.0
-_BEFORE, _NEXT = np.array([3, 0, 1, 2]), np.array([1, 2, 3, 0])  # of four corners
-_LEAST_FALL, _LEAST_PLACES = 4.5, 6  # in half a px, and places of a side with it
-_MOST_OFF, _MOST_OFF_PX = 0.06, 1.0  # of corners, share of the shortest side and px
-_BESIDE = 0.12  # from the outline to either side, of the ring's radius
-# Before any pose is known: from the outline, of the shortest side in the image; and share with a
-# step. 850 plates that were seen have it, in 2000 pictures of pads; 0.6 loses four of them.
+_BEFORE, _NEXT = np.array([3, 0, 1, 2]), np.array([1, 2, 3, 0])  # indices of neighbouring corners
+# Least fall, grey levels in half a px, and least number of a side's places with such a fall.
+_LEAST_FALL, _LEAST_PLACES = 4.5, 6
+# Before any pose is known: distance from the outline to either side, of its shortest side in the
+# image, and least share of the places with a step. 850 plates that were seen have it, in 2000
+# pictures of pads; 0.6 loses four of them.
 _BESIDE_SIDE, _LEAST_OUTLINED = 0.045, 0.45
-_PER_SIDE, _PLACES = 12, 24  # of the plate, and round the ring
-# Shares of the places with a step: of the plate's outline, of hole to stroke, of white to stroke.
-# Plates in leaf shade and dirt have 0.8 to 1; of 823 tiles of photographs none has as much.
+
+# ---- poses -------------------------------------------------------------------------------------
+# Largest rms error of the corners under a pose: a share of the shortest side, plus px.
+_MOST_OFF, _MOST_OFF_PX = 0.06, 1.0
+_BESIDE = 0.12  # distance from the plate's outline to either side, in radii of the ring
+_PER_SIDE, _PLACES = 12, 24  # places on each side of the plate, and round the ring
+# Least share of the places with a step: on the plate's outline; and from hole to stroke as well as
+# from white to stroke. Plates in leaf shade and dirt have 0.8 to 1; of 823 tiles of photographs
+# none has as much.
 _LEAST_PLATE, _LEAST_RING = 0.75, 0.75
 
 
 class PlateSearch:
-    """Looks for one pad's plate, to tell where a ring on it is."""
+    """Looks for a pad's plate, to tell where one of its rings is."""
 
     def __init__(self, layout: PadLayout, ring: Ring) -> None:
         """Prepare the places to look at."""
@@ -63,17 +77,17 @@ class PlateSearch:
         outer = circle(ring.radius_m, _PLACES)
         inner = ring.inner_ratio * outer
         at = (0.7 * inner, 1.2 * outer, 0.5 * (inner + outer))
-        self._on_ring = len(places)  # from which pair on places are the ring's
+        self._on_ring = len(places)  # first pair of points that belongs to the ring
         brighter = [places - ways, *(self._centre + p for p in at[:2])]
         darker = [places + ways, *(self._centre + p for p in (at[2], at[2]))]
         self._points: F64 = np.concatenate([*brighter, *darker])
 
     def find(self, image: U8, levels: Sequence[Level], camera: CameraModel) -> CirclePose | None:
-        """Return the pose of the ring on what is likest the plate; None if nothing is.
+        """Return the pose of the ring on what looks most like the plate; None: nothing does.
 
         Args:
             image: grey image (height, width).
-            levels: of it, to look for corners in.
+            levels: of its pyramid in which corners are looked for.
             camera: the lens.
         """
         quads = [q for level in levels for way in _WAYS for q in _quads(level, *way)]
@@ -90,7 +104,7 @@ class PlateSearch:
         return best
 
     def _poses(self, camera: CameraModel, corners: F64) -> list[tuple[F64, F64]]:
-        """Return poses (R, t) of the plate that have these corners (4, 2), px, in the image."""
+        """Return the poses (R, t) of the plate for corners (4, 2), px, either way round."""
         rays = camera.rays(corners)
         sides = np.diff(rays, axis=0)
         if not _is_clockwise(sides):
@@ -109,7 +123,7 @@ class PlateSearch:
         return poses
 
     def _share_seen(self, image: U8, camera: CameraModel, R: F64, t: F64) -> float:
-        """Return the share of the plate's and the ring's edges that are seen; 0: too few."""
+        """Return the product of the shares of plate's and ring's edges seen; 0: too few."""
         levels = levels_at(image, camera, t + self._points @ R[:, :2].T)
         brighter, darker = levels.reshape(2, -1)
         steps = is_step(darker, brighter)
@@ -121,7 +135,10 @@ class PlateSearch:
 
 
 def _on_steps(image: U8, corners: F64) -> F64 | None:
-    """Return corners (4, 2) whose sides are where white ends; None: it does not along a side."""
+    """Return the corners (4, 2) moved so that sides lie where white ends.
+
+    None: along a side it does not end, or a corner moves too far.
+    """
     moved = corners
     for _ in range(_ROUNDS):
         lines = _side_lines(image, moved)
@@ -137,7 +154,7 @@ def _on_steps(image: U8, corners: F64) -> F64 | None:
 
 
 def _side_lines(image: U8, corners: F64) -> F64 | None:
-    """Return homogeneous lines (4, 3) where white ends near each side; None: it does not."""
+    """Return homogeneous lines (4, 3) where white ends near each side; None: one has no end."""
     sides = corners[_NEXT] - corners
     lengths = np.hypot(*sides.T)
     if lengths.min() < _SHORTEST_SIDE_PX:
@@ -162,19 +179,22 @@ def _side_lines(image: U8, corners: F64) -> F64 | None:
 
 
 def _line(points: F64) -> F64:
-    """Return the homogeneous line (3,) through most of some points (n, 2)."""
+    """Return the homogeneous line (3,) fitted robustly to points (n, 2)."""
     fitted = cv2.fitLine(points.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01)
     dx, dy, x, y = fitted.ravel().astype(np.float64).tolist()
     return np.array([-dy, dx, dy * x - dx * y])
 
 
 def _is_clockwise(sides: F64) -> bool:
-    """Tell which way round in the image a convex outline goes, by its first two sides (2, 2)."""
+    """Tell whether a convex outline runs clockwise in the image, by its first two sides (2, 2)."""
     return bool(sides[0, 0] * sides[1, 1] >= sides[0, 1] * sides[1, 0])
 
 
 def _is_outlined(image: U8, corners: F64) -> bool:
-    """Tell whether steps are seen along most of four sides: poses take several times as long."""
+    """Tell whether steps are seen along enough of the four sides.
+
+    Asked before poses are computed, which takes several times as long.
+    """
     sides = corners[_NEXT] - corners
     reach = _BESIDE_SIDE * float(np.hypot(*sides.T).min())
     places, ways = along(corners, _PER_SIDE)
@@ -186,9 +206,14 @@ def _is_outlined(image: U8, corners: F64) -> bool:
 
 
 def _quads(level: Level, around_px: int, factor: float) -> list[tuple[float, F64]]:
-    """Return what is bright and has four corners (4, 2), px of the image, and how straight it is.
+    """Return straightness and corners (4, 2), px of the image, of bright areas with four corners.
 
-    That is the share of its hull that the corners enclose.
+    Straightness is the share of the quadrilateral that the area's hull fills.
+
+    Args:
+        level: of the pyramid.
+        around_px: side of the surroundings, px of the level.
+        factor: by which bright pixels exceed the mean of them.
     """
     around = cv2.blur(level.image, (around_px, around_px))
     least = cv2.convertScaleAbs(around, alpha=factor, beta=_BRIGHTER_BY)
@@ -199,7 +224,7 @@ def _quads(level: Level, around_px: int, factor: float) -> list[tuple[float, F64
     for outline in [o for o in outlines if len(o) >= _LEAST_OUTLINE_PX]:
         inside = cv2.contourArea(outline)
         if inside <= _LEAST_FILLED * _LEAST_AREA_PX:
-            continue  # and no hull, which takes longer
+            continue  # before the hull, which takes longer
         hull = cv2.convexHull(outline)
         area, length = cv2.contourArea(hull), cv2.arcLength(hull, True)
         if not max(_LEAST_AREA_PX, _LEAST_WIDE * length**2) < area < _MOST_AREA * bright.size:

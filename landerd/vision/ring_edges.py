@@ -1,10 +1,12 @@
-"""Fit of a ring's pose to where its two edges lie in the image, whatever its grey levels do.
+"""Fit of a ring's pose to the places of its two edges, whatever its grey levels do.
 
-Edges are looked for along rays from the centre, each between the black and the white beside it: a
-shadow dims both alike, and under any monotone tone curve, clipped white included, they keep their
-place but for a shift towards black or white that is the same all around. That shift is fitted
-beside the pose; the known ratio tells it from the range. Rays on which a leg, dirt or a glare lies
-are outliers.
+Edges are looked for along rays from the centre, each between the black and the white beside it. A
+shadow dims both alike. Under any monotone tone curve, clipped white included, edges keep their
+place except for a shift towards black or white that is the same all around; it is fitted together
+with the pose, and the known ratio of the ring distinguishes it from the range. Rays on which a leg,
+dirt or glare lies are outliers.
+
+This is the fit behind `ring_explained`, which decides whether the edges are a ring's.
 """
 
 import math
@@ -26,100 +28,103 @@ from landerd.vision.ring_pose import CirclePose
 
 INTERP = cv2.INTER_CUBIC
 _RAYS = 64
-_SAMPLES = 25  # across an edge, on each ray
+_SAMPLES = 25  # grey levels across an edge, on each ray
 _ANGLES = np.arange(_RAYS) * (2.0 * math.pi / _RAYS)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
-# Bands across the edges, from black to white, in radii: half of the stroke, and less than the
-# thesis's margin. In pixels, those of the last rounds.
+# Reach of the bands across the edges into black and into white, in radii: half of the stroke, and
+# less than the thesis's margin. In the last rounds they are reduced to this into the white, px.
 _INTO_BLACK, _INTO_WHITE = 0.27, 0.2
 _FINE_PX = 4.0
-_COARSE_ROUNDS, _FINE_ROUNDS = 1, 2
-_DESCENTS = 2  # steps to the edges of one round
+_COARSE_ROUNDS, _FINE_ROUNDS = 1, 2  # a round looks for edges about a pose and fits it to them
+_DESCENTS = 2  # Gauss-Newton steps in one round
 _SHIFT, _RATIO = 5, 6  # rows of a step, after those of centre and tilt
-_FREED_DESCENTS = 4
+_FREED_DESCENTS = 4  # steps with the ratio fitted as well
 _LEAST_RATIO, _MOST_RATIO = 0.1, 0.95
 _SETTLED_PX = 0.1  # a round that moves the edges by less is the last
-# Share of the rays that must be near the edges after the first round, and how near, of the radius:
-# rings in all kinds of light gave 0.65 and more, half of the textures less than 0.6.
+# Least share of the rays whose edge is near the fitted one after the first round, and how near, a
+# share of the radius: rings in all kinds of light gave 0.65 and more, half of the textures less
+# than 0.6.
 _COARSE_SUPPORT, _COARSE_NEAR = 0.6, 0.09
-_END = 5  # samples at either end of a band that tell black and white
-_LEVEL_RAYS = 2  # to either side, of which black and white are medians
+_END = 5  # samples at either end of a band whose mean is black or white
+_LEVEL_RAYS = 2  # neighbours to either side with which a ray takes the median of black and white
 _BESIDE = (np.arange(_RAYS)[:, None] + np.arange(-_LEVEL_RAYS, _LEVEL_RAYS + 1)) % _RAYS
-_COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04
-_SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves edges by
-_CLIPPED_SHIFT_BLURS = 1.3  # white that is 2.5 to 5 times over full scale moves an edge so far
-# Of the rays: a shadow as wide as a ring's hole dims as many beyond it, and dirt leaves as many of
-# a hole clean.
+_COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04  # least noise of edges: in the first round, later
+_SHIFT_SIGMA_PX = 0.5  # of the shift by a tone curve, before anything is seen
+# Shift by white that is 2.5 to 5 times over full scale, in blurs.
+_CLIPPED_SHIFT_BLURS = 1.3
+# Share of the rays: a shadow as wide as a ring's hole dims as many of those beyond the ring, and
+# dirt leaves as many of a hole's clean.
 _SHADED_SHARE = 0.12
-_NEAREST_M = 1e-3
+_NEAREST_M = 1e-3  # least depth of a point that is projected
 _MIN_RADIUS_PX = 3.0
-_MIN_RAYS = 20  # of both edges together
-# An edge is as fitted within the lesser of these, px and share of the radius, and this share of it.
+_MIN_RAYS = 20  # with an edge, outer and inner ones together
+# An edge counts as in place within a distance: the smaller of the first, px, and the second, a
+# share of the radius, plus the third, a share of the radius.
 _NEAR_PX, _NEAR_SMALL, _NEAR_SHARE = 0.45, 0.03, 0.015
-_INDEPENDENT_PX = 2.0  # along an edge, of pixels that are not of the same blur
+_INDEPENDENT_PX = 2.0  # distance along an edge from which on pixels do not share a blur
 _MOST_CORRELATED = 0.95
 
 
 @dataclass(frozen=True)
 class RingEdgeFit:
-    """A pose fitted to edges, and how much of the ring they show."""
+    """A pose fitted to a ring's edges, and how much of the ring they show."""
 
     position: F64  # (3,), m
     normal: F64  # (3,)
     shift_px: float  # of both edges, into the black
     sigma_shift: float  # px
-    noise_px: float  # of edges, robust
-    blur_px: float  # sigma
-    broad_px: float  # of the broadest quarter
+    noise_px: float  # robust sigma of the edges' residuals
+    blur_px: float  # sigma, by the slopes of the edges; the median
+    broad_px: float  # the same of the broadest quarter of the edges
     radius_px: float
     support: tuple[float, float]  # share of the rays in the image with an edge: outer, inner
     visible: float  # share of the rays that are in the image
-    cos_tilt: float  # of the normal to the line of sight
-    ridge: float  # of a brighter circle within the stroke, over the contrast
-    dark: float  # share of the stroke that is darker than the white beside it
-    bright: float  # share of hole and margin that are brighter than the black beside them
-    residual: F64  # (rays,) of all edges, px; nan where none is seen
-    dependence: float  # how many times fewer edges than rays there are
+    cos_tilt: float  # of the angle between normal and line of sight
+    ridge: float  # height of a brighter circle within the stroke, over the contrast
+    dark: float  # share of the stroke that is darker than half-way to the white beside it
+    bright: float  # share of hole and margin brighter than half-way to the black beside them
+    residual: F64  # (2 rays,), outer then inner edges, px; NaN where none is seen
+    dependence: float  # number of rays over that of independent edges
     covariance: F64  # (5, 5) of centre and tilt on the plane's axes, m^2, m rad, rad^2
-    levels: tuple[float, float, float]  # inside, black, outside
-    shaded: float  # level of the outside's darkest part: the white there, if a shadow crosses it
-    clean: float  # level of the inside's brightest part: the white there, if dirt hides most of it
-    # Of white over the black beside it, edge by edge, whatever the light: outer and inner ones.
+    levels: tuple[float, float, float]  # grey levels inside, of the black, outside
+    shaded: float  # level of the darkest part outside: the white there, if a shadow crosses it
+    clean: float  # level of the brightest part inside: the white there, if dirt hides most of it
+    # Contrast from each edge's black to its white, whatever the light: outer edges, inner ones.
     contrast: tuple[float, float]  # grey levels
-    depth: tuple[float, float]  # share of the white
-    uneven: float  # how much the light changes about the ring: four fifths of the white, over it
-    freed: Callable[[], "Freed"]  # what ratio the edges have by themselves, worked out when asked
+    depth: tuple[float, float]  # as a share of the white
+    uneven: float  # change of light about the ring: white from its 10 to its 90 %, over its median
+    freed: Callable[[], "Freed"]  # the fit with the ratio free, computed on demand
 
 
 @dataclass(frozen=True)
 class Freed:
-    """Where the ratio is fitted as well."""
+    """The fit to the same edges with the ratio fitted as well."""
 
     ratio: float  # inner over outer diameter
-    shift_px: float  # of both edges then, into the black
+    shift_px: float  # of both edges, into the black
     noise_px: float
 
 
 @dataclass(frozen=True)
 class _Edges:
-    """Where edges were seen: outer ones first, then inner ones, a ray each."""
+    """Where edges were seen: for each of n rays the outer edges first, then the inner ones."""
 
-    rays: F32  # (3, 2 n), z = 1
+    rays: F32  # lines of sight of the edges, (3, 2 n), z = 1
     seen: Mask  # (2 n,)
-    blur_px: float  # sigma, as the slopes of the edges have it
-    broad_px: float  # that of the broadest quarter: along a motion edges are broader
+    blur_px: float  # sigma, by the slopes of the edges; the median
+    broad_px: float  # the same of the broadest quarter: along a motion edges are broader
     in_image: Mask  # (2 n,)
-    levels: F64  # (2, 2, n): edge; black, white
+    levels: F64  # grey levels (2, 2, n): outer and inner edge; black and white
 
 
 def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: CirclePose) -> RingEdgeFit | None:
-    """Return the pose whose edges are those in the image near a start; None if there is none.
+    """Return the pose whose edges are those in the image near a start; None: there are too few.
 
     Args:
         image: grey image (height, width).
         camera: the lens.
         ring: its true size and ratio.
-        start: a pose within a tenth of the radius.
+        start: a pose under which edges are off by a tenth of the radius at most.
     """
     pose, shift = start, 0.0
     radius_px = _radius_px(camera, ring, pose)
@@ -146,13 +151,13 @@ def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: CirclePose) -> R
 
 
 def _has_support(edges: _Edges, equations: "_Equations", radius_px: float) -> bool:
-    """Tell whether a ring may come of a first round: most texture goes no further."""
+    """Tell whether the first round may lead to a ring: most texture goes no further."""
     near = edges.seen & (np.abs(equations.residual) < max(_NEAR_PX, _COARSE_NEAR * radius_px))
     return bool(np.count_nonzero(near) > _COARSE_SUPPORT * np.count_nonzero(edges.in_image))
 
 
 def moved_px(camera: CameraModel, ring: Ring, before: CirclePose, after: CirclePose) -> float:
-    """Return about how far the edges were moved in the image from one pose to another."""
+    """Return about how far a ring's edges move in the image from one pose to another, px."""
     way = (after[0] - before[0]) * (_radius_px(camera, ring, after) / ring.radius_m)
     way[2] *= ring.radius_m / float(after[0][2])
     return float(np.sqrt(way @ way))
@@ -178,10 +183,14 @@ def _points(ring: Ring, pose: CirclePose, radii: F64) -> F64:
 def _sampled(
     image: U8, camera: CameraModel, ring: Ring, pose: CirclePose, radii: F64
 ) -> tuple[F64, Mask, F32] | None:
-    """Return grey levels on circles (bands, circles), whether they are in the image, and pixels.
+    """Return grey levels on circles of radii (bands, circles), m; None: some are behind the lens.
 
-    Pixels are worked out for the first, the middle and the last circle of each band: a parabola
-    through these gives the others. None, if any is behind the lens.
+    Pixels are projected for the first, the middle and the last circle of each band; a parabola
+    through these gives the others.
+
+    Returns:
+        grey levels and whether they are in the image, (bands, circles, rays), and their pixels,
+        (bands, circles, rays, 2).
     """
     bands, n = radii.shape
     nodes = [0, n // 2, n - 1]
@@ -213,7 +222,7 @@ def _sampled(
 def _edges(
     image: U8, camera: CameraModel, ring: Ring, pose: CirclePose, reach: float
 ) -> _Edges | None:
-    """Return the edges within a share of the bands about a pose."""
+    """Return the edges in the image about a pose, within a share `reach` of the bands."""
     R, r = ring.radius_m, ring.radius_m * ring.inner_ratio
     along = np.linspace(-_INTO_BLACK, _INTO_WHITE, _SAMPLES) * (reach * R)
     sampled = _sampled(image, camera, ring, pose, np.stack([R + along, r - along]))
@@ -239,21 +248,21 @@ def _edges(
 
 
 def _beside(level: F64) -> F64:
-    """Return levels (edges, rays), each the median of its neighbours."""
+    """Return levels (edges, rays), each the median of itself and its neighbours."""
     smooth: F64 = np.partition(level[:, _BESIDE], _LEVEL_RAYS, axis=2)[:, :, _LEVEL_RAYS]
     return smooth
 
 
 @dataclass(frozen=True)
 class _Equations:
-    """Least squares about a pose."""
+    """The least squares problem linearised about a pose."""
 
-    residual: F64  # (2 n,), px
+    residual: F64  # of outer and inner edges, (2 n,), px
     weight: F64  # (2 n,)
-    H: F64  # (7, 7): centre, tilt, shift, ratio; over the variance of an edge
-    b: F64  # (7,), the right side
-    scale: float  # of the variance, from the residuals
-    axes: F32
+    H: F64  # normal matrix (7, 7) of centre, tilt, shift, ratio; over the variance of an edge
+    b: F64  # right side, (7,)
+    scale: float  # variance of the weighted residuals, over that of an edge
+    axes: F32  # of the ring's plane, (3, 3)
 
 
 def _descended(
@@ -264,7 +273,10 @@ def _descended(
     shift: float,
     least_noise: float,
 ) -> tuple[CirclePose, float, float, _Equations] | None:
-    """Return pose, shift and noise after some robust steps to the edges."""
+    """Return pose, shift (px), noise (px) and equations after `_DESCENTS` robust steps.
+
+    None: a step fails.
+    """
     for _ in range(_DESCENTS):
         equations, noise = _normal_equations(edges, ring, camera, pose, shift, least_noise)
         stepped = _stepped(pose, equations, _SHIFT + 1)
@@ -278,7 +290,7 @@ def _descended(
 def _freed(
     edges: _Edges, ring: Ring, camera: CameraModel, pose: CirclePose, shift: float, noise: float
 ) -> Freed:
-    """Return the ratio of the same edges, from a fit that was held to the ring's."""
+    """Return the fit of the same edges with the ratio free, from one that held it at the ring's."""
     for _ in range(_FREED_DESCENTS):
         equations, noise = _normal_equations(edges, ring, camera, pose, shift, _LEAST_NOISE_PX)
         stepped = _stepped(pose, equations, _RATIO + 1)
@@ -292,9 +304,9 @@ def _freed(
 
 
 def _stepped(pose: CirclePose, equations: _Equations, rows: int) -> tuple[CirclePose, F64] | None:
-    """Return the pose after a step of the first unknowns, the others held, and the step.
+    """Return the pose after a step of the first `rows` unknowns, the others held, and the step.
 
-    None: there is no step, or it is wild.
+    None: the equations are singular, or the step is implausible.
     """
     solved, column = cv2.solve(equations.H[:rows, :rows], equations.b[:rows, None])
     if not (solved and np.isfinite(column).all()):
@@ -305,7 +317,10 @@ def _stepped(pose: CirclePose, equations: _Equations, rows: int) -> tuple[Circle
 
 
 def _moved(pose: CirclePose, step: F64, axes: F32) -> CirclePose | None:
-    """Return a pose moved by a step on its plane's axes; None if that is wild."""
+    """Return a pose moved by a step on its plane's axes; None: the step is implausible.
+
+    It halves or doubles the depth, or turns the ring nearly edge-on.
+    """
     t, normal = pose
     e = axes.astype(np.float64)
     moved = t + step[:3] @ e
@@ -323,7 +338,7 @@ def _normal_equations(
     shift: float,
     least_noise: float,
 ) -> tuple[_Equations, float]:
-    """Return the equations about a pose, and the noise of edges, px."""
+    """Return the linearised problem about a pose, and the noise of edges, px."""
     focal = camera.focal
     t32, axes = plane_axes(pose[0][None], pose[1][None])
     g = PlaneView(edges.rays, focal, t32, axes)
@@ -362,7 +377,10 @@ def _normal_equations(
 
 
 def _true_blur_px(edges: _Edges, shift_px: float) -> float:
-    """Return the blur before white was clipped: what is left of it looks sharp, but lies aside."""
+    """Return the sigma of the blur before white was clipped.
+
+    Edges of clipped white look sharp but are shifted: the shift tells the blur they had.
+    """
     return max(edges.blur_px, shift_px / _CLIPPED_SHIFT_BLURS)
 
 
@@ -376,7 +394,7 @@ def _judged(
     edges: _Edges,
     equations: _Equations,
 ) -> RingEdgeFit:
-    """Return the fit with what tells whether it is of a ring."""
+    """Return the fit with everything that tells whether it is of a ring."""
     radius_px = _radius_px(camera, ring, pose)
     off = np.abs(equations.residual)
     reach = min(_NEAR_PX, _NEAR_SMALL * radius_px) + _NEAR_SHARE * radius_px
@@ -424,7 +442,7 @@ def _judged(
 
 
 def _uneven(white: F64) -> float:
-    """Return how far four fifths of some levels reach, over their middle."""
+    """Return the range of the middle four fifths of some levels, over their median."""
     if not len(white):
         return 0.0
     low, middle, high = np.percentile(white, (10.0, 50.0, 90.0))
@@ -436,16 +454,16 @@ def _median(values: F64, where: Mask) -> float:
 
 
 def _ranked(levels: F64, share: float) -> float:
-    """Return the level that such a share is darker than."""
+    """Return the level that this share of the levels is darker than."""
     return float(np.sort(levels)[int(share * len(levels))]) if len(levels) else 0.0
 
 
 def _dependence(equations: _Equations, radius_px: float) -> float:
-    """Return how many times fewer edges than rays there are, as far as information goes.
+    """Return the number of rays over that of independent edges.
 
-    Neighbouring rays of a small ring see the same pixels; and what a soft shadow or bent paper does
-    to an edge it does to the next one, too: of errors with correlation c from ray to ray, the sum
-    of many has (1 + c) / (1 - c) times the variance.
+    Neighbouring rays of a small ring see the same pixels, and a soft shadow or bent paper displaces
+    neighbouring edges alike. The sum of many errors with correlation c from ray to ray has
+    (1 + c) / (1 - c) times the variance of independent ones.
     """
     r = (equations.residual * np.sqrt(equations.weight)).reshape(2, _RAYS)
     total = float((r * r).sum())
@@ -454,21 +472,33 @@ def _dependence(equations: _Equations, radius_px: float) -> float:
     return max((1.0 + c) / (1.0 - c), _RAYS * _INDEPENDENT_PX / (2.0 * math.pi * radius_px))
 
 
-_LEAST_STROKE = 0.1  # over the radius
-_STROKE_RADII = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # from inner to outer edge
-_HOLE_RADII = (0.1, 0.35, 0.55, 0.7)  # of the inner edge
+# Circles on which areas are judged: in the stroke, shares of its width from the inner edge; in the
+# hole, shares of its radius; in the margin, of the outer radius.
+_LEAST_STROKE = 0.1  # width that is left of the stroke at least, over the radius
+_STROKE_RADII = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)
+_HOLE_RADII = (0.1, 0.35, 0.55, 0.7)
 _MARGIN_RADII = (1.08, 1.13)
-_MOST_HALO = 0.2  # of the contrast: 0.19 in strongly sharpened pictures; dirt in the hole is none
+# Largest halo of a sharpened picture, over the contrast: 0.19 in strongly sharpened ones. More is
+# dirt in the hole.
+_MOST_HALO = 0.2
 
 
 def _areas(
     image: U8, camera: CameraModel, ring: Ring, pose: CirclePose, edges: _Edges, spread: float
 ) -> tuple[float, float, float]:
-    """Return the shares of the stroke that is dark and of the white that is bright, and the ridge.
+    """Return the share of the stroke that is dark, that of the white that is bright, and the ridge.
 
-    The last: what rises within the stroke, between its edges, as in targets of several rings, and
-    more than the hole sinks within its edge.
-    `spread` is what the white has taken of the stroke on either side, over the radius.
+    The ridge is how far levels rise within the stroke, between its edges, over the contrast, as in
+    targets of several rings. The halo of sharpening, how far levels in the hole rise towards its
+    edge, is subtracted from it.
+
+    Args:
+        image: grey image (height, width).
+        camera: the lens.
+        ring: its true size and ratio.
+        pose: as fitted.
+        edges: of that pose.
+        spread: how much of the stroke clipped white has taken on either side, over the radius.
     """
     R, k = ring.radius_m, ring.inner_ratio
     left = max(_LEAST_STROKE, 1.0 - k - 2.0 * spread)
@@ -490,7 +520,7 @@ def _areas(
     seen = inside[black].all(axis=0)
     if not seen.any():
         return dark, bright, 1.0
-    # Over the black beside either edge, that a shadow across the stroke is no ridge.
+    # Relative to the brighter black of both edges, so that a shadow across the stroke is no ridge.
     beside = edges.levels[:, 0].max(axis=0)[seen]
     contrast = (edges.levels[:, 1].max(axis=0)[seen] - beside).clip(min=1.0)
     level = medians((grey[black][:, seen] - beside) / contrast)
@@ -502,7 +532,7 @@ def _areas(
 
 
 def rise_within(level: F64) -> float:
-    """Return by how much a profile (n,) rises over the least on either side of a place, at most."""
+    """Return the height of a profile's (n,) highest ridge above the lowest levels on both sides."""
     before = np.minimum.accumulate(level)
     after = np.minimum.accumulate(level[::-1])[::-1]
     return float((level - np.maximum(before, after)).max())

@@ -1,11 +1,17 @@
-"""WhyCodes: rings whose inner edge tells a number and a direction.
+"""WhyCodes: rings whose toothed inner edge encodes a number and a direction.
 
-A dark ring with a bright core is looked for as a plain ring is. Under both poses of its outline
-the code band is read in the ring's own plane, so neither perspective nor lens distortion bends it;
-what does not carry a code of the pad is none of its rings. Then the whole print, its turn now
-known, is fitted to the pixels from both poses: the teeth, too long on one side and too short on the
-other under the wrong one, tell which is true. Where the pixels are not as even light would have
-them, the edges of teeth and outline are fitted instead.
+The marker is that of Krajnik et al. (see `pad.WhyCode`). Its search is not under `search_policy`:
+
+1. Where the pad and its heading are known, each code is fitted where it is expected.
+2. Else outlines of dark rings with a bright core are found as those of plain rings are
+   (`ring_segment`). Under both poses of an outline the code band is read in the ring's own plane,
+   where neither perspective nor lens distortion bends it. Outlines without a code of the pad are
+   dropped.
+3. The whole print (`whycode_print`), whose heading is now known, is fitted to the pixels from both
+   poses. Under the wrong one teeth are too long on one side and too short on the other: that tells
+   which is true.
+4. If the pixels are not as even light would make them, the edges of teeth and outline
+   (`whycode_edges`) are fitted instead.
 """
 
 import math
@@ -43,41 +49,54 @@ from landerd.vision.ring_segment import (
 from landerd.vision.whycode_edges import whycode_edges
 from landerd.vision.whycode_print import WhyCodePrint, bits_of
 
-_PLAIN_RATIO = 0.4685  # of a plain ring whose black has the same second moments over its area
+# ---- outlines ----------------------------------------------------------------------------------
+# Ratio of the plain ring whose black has the same second moments over its area as a WhyCode's.
+_PLAIN_RATIO = 0.4685
 _LARGE, _OTHERS = dark_between(LARGE_STROKE_PX), dark_between(STROKE_PX)
 _WIDE = dark_by_mean(0.88)
-_CLEAR_SHARE = 0.9  # of a ring's spokes from which it is read at once: plain ones gave 1.0
-_MAX_LATER = 8  # of the others that are read, of a whole image
-_MAX_UNCLEAR = 2  # of those that are like a code, but not read, that are fitted
-_SAMPLES_PER_BIT = 16  # samples of the band along a cell
+# Share of a ring's spokes that are bright, dark and bright from which on it is read at once: plain
+# rings gave 1.0.
+_CLEAR_SHARE = 0.9
+_MAX_LATER = 8  # how many of the other outlines of a whole image are read
+_MAX_UNCLEAR = 2  # how many rings that are like a code, but not readable, are fitted
+_LARGE_CODE_PX = 60.0  # diameter: a code this large tells all that smaller ones could
+_MIN_CODE_PX = 9.0  # diameter: teeth of smaller codes cannot be seen
+
+# ---- reading the band --------------------------------------------------------------------------
+_SAMPLES_PER_BIT = 16  # samples of the band along the cell of one bit
 _BAND_RADII = (0.40, 0.4715, 0.543)  # of the circles on which the band is read, in outer radii
 _SINE = np.sin((np.arange(_SAMPLES_PER_BIT) + 0.5) * (2.0 * math.pi / _SAMPLES_PER_BIT))
 _HALVES = _SINE * (2.0 / float(np.abs(_SINE).sum()))  # weights: first half of a cell less second
 # Limits by trial on the images of `bench.vision_whycode`.
 _MIN_CONTRAST = 12.0  # along the band, grey levels
-_MIN_MEAN_DIFFERENCE = 0.4  # between a bit's halves, over the contrast along the band
-_MIN_DECISION_MARGIN = 0.45  # a code read under the mirrored pose gave 0.5 to 0.6, the true one 0.9
-# What dirt, a leg or blur hides a bit of is not read clearly. By how much the halves of bits differ
-# as they should, over the contrast along the band, on average and the least, of what is found and
-# of what is known to be there: a ring without code gives 0, one of another number has a bit at
-# -0.6, of 25 to 30 px across, blurred, it was 0.4 to 0.5, and the least bit -0.04, where one in ten
-# could be read. In logarithms, of levels and so much, so that shade does not matter.
+_MIN_MEAN_DIFFERENCE = 0.4  # mean difference of the bits' halves, over the contrast along the band
+# Least difference of a bit's halves over the mean: a code read under the mirrored pose gave 0.5 to
+# 0.6, under the true one 0.9.
+_MIN_DECISION_MARGIN = 0.45
+# A code of which dirt, a leg or blur hides a bit cannot be read, but it may agree with a number of
+# the pad. Agreement is how much the halves of a bit differ in the right sense, over the contrast
+# along the band; limits of its mean over all bits, of the least bit of a code that was found, and
+# of the least bit of one that is known to be there. A ring without code has a mean of 0, one of
+# another number has a bit at -0.6; blurred codes of 25 to 30 px had means of 0.4 to 0.5 and a least
+# bit of -0.04, where one in ten could be read. It is computed from logarithms of the levels plus
+# the last, so that shade does not matter.
 _MIN_AGREEMENT, _MIN_BIT_FOUND, _MIN_BIT_KNOWN, _DARK = 0.35, 0.05, -0.15, 10.0
-# Share of the pixels' variance that its fit then must explain: small and dim, more of it is noise.
-# Of 61 pictures of a code at 9 to 16 m 46 were found (28 with `MIN_EXPLAINED`), off by 1.8 % of the
-# range at most; of 295 other places in them none.
+
+# ---- fits --------------------------------------------------------------------------------------
+# Share of the pixels' variance that the fit of a code known to be there must explain: small and
+# dim, more of it is noise. Of 61 pictures of a code at 9 to 16 m 46 were found (28 with
+# `MIN_EXPLAINED`), off by 1.8 % of the range at most; of 295 other places in them none.
 _MIN_KNOWN_EXPLAINED = 0.7
-# The same of one that is read, if what is left is noise: alike in neighbours by no more than this.
+# The same for any code if the residuals are noise: neighbours correlate by less than the second.
 # Dim codes of 24 to 30 px, at 14 to 17 m, gave 0.63 to 0.78 and 0.0.
 _MIN_NOISY_EXPLAINED, _NOISE_CORRELATION = 0.6, 0.15
-# A fit to grey levels that explains less, and leaves what is so much alike in neighbours, is not
-# trusted where the edges tell the pose: of 90 codes in hard, soft and leaf shade it was off by 2 to
-# 40 thousandths of the range, most by 10 and more, edges by 0.1 to 5; without shade all but a few
-# dirty ones explain more.
+# A fit to grey levels that explains less than the first, with residuals that correlate by more than
+# the second, is not used if the edges tell the pose. Of 90 codes in hard, soft and leaf shade such
+# fits were off by 2 to 40 thousandths of the range, most by 10 and more, edges by 0.1 to 5; without
+# shade all but a few dirty ones explain more.
 _EVEN_EXPLAINED, _SHADED_CORRELATION = 0.965, 0.3
-_MOVING_BLUR = 6.0  # variance, over a sharp lens's, from which motion explains what is left
-_LARGE_CODE_PX = 60.0  # across: a code this large tells all that smaller ones could
-_MIN_CODE_PX = 9.0  # across; smaller rings have no teeth to be seen
+# Blur, as a variance over a sharp lens's, from which on motion, not shade, explains the residuals.
+_MOVING_BLUR = 6.0
 
 
 @dataclass(frozen=True)
@@ -91,18 +110,18 @@ class FoundCode:
 
 @dataclass(frozen=True)
 class Reading:
-    """What a code band says, read in the frame of some pose."""
+    """A code band as read in the frame of a pose."""
 
-    word: int
-    first_bit_angle: float  # where it begins, anticlockwise from the frame's east, rad
-    decision_margin: float  # of the least clear bit: the difference of its halves, over the mean
+    word: int  # bits in the order read, the first one highest
+    first_bit_angle: float  # where the word begins, anticlockwise from the frame's east, rad
+    decision_margin: float  # of the least clear bit: difference of its halves, over the mean
 
 
 @dataclass(frozen=True)
 class _Start:
-    """Where a code may be."""
+    """A code and a pose to start its fit from."""
 
-    clarity: float  # of its reading, or how like it what is there is
+    clarity: float  # decision margin of its reading, or else mean agreement (`_alike`)
     code: WhyCode
     pose: Pose
 
@@ -151,10 +170,10 @@ class WhyCodeFinder:
         return found or self._anywhere(image, last_normal)
 
     def _anywhere(self, image: Image, last_normal: Vec3 | None) -> list[FoundCode]:
-        """Look in ever larger images; return the codes of the first that shows any.
+        """Search ever larger levels of the image; return the codes of the first that shows any.
 
-        What is not clearly bright, dark and bright comes last, the likeliest first and only so
-        much of it, whatever there is in the image.
+        Outlines that are not clear come last, the likeliest first, and only a fixed number of them,
+        whatever is in the image.
         """
         later: list[tuple[float, float, F64]] = []
         unclear: list[_Start] = []
@@ -186,7 +205,10 @@ class WhyCodeFinder:
     def _among(
         self, image: Image, outlines: list[F64], last_normal: Vec3 | None, unclear: list[_Start]
     ) -> list[FoundCode]:
-        """Return the pad's codes that are read in outlines (16, 2), px; keep what is like one."""
+        """Return the pad's codes that are read in outlines (16, 2), px.
+
+        Of outlines that cannot be read, those that are like a code are added to `unclear`.
+        """
         found: dict[WhyCode, FoundCode] = {}
         for outline in outlines:
             rings = self._rings(outline)
@@ -202,7 +224,7 @@ class WhyCodeFinder:
     def _of_unclear(
         self, image: Image, unclear: list[_Start], last_normal: Vec3 | None
     ) -> list[FoundCode]:
-        """Return the first of the likest that is a code of the pad."""
+        """Return the first of the unclear starts, most alike first, that is a code of the pad."""
         tried: list[Pose] = []
         for start in sorted(unclear, key=lambda one: -one.clarity):
             reach = start.code.radius_m
@@ -226,7 +248,7 @@ class WhyCodeFinder:
         return rings
 
     def _read(self, image: Image, rings: list[Pose]) -> _Start | None:
-        """Return what is read most clearly under poses of a ring; None: no code of the pad."""
+        """Return the clearest reading under poses of a ring; None: it is no code of the pad."""
         best: _Start | None = None
         for bits in {c.bits for c in self._prints}:
             # Under the wrong one of the two poses another number may be read, less clearly.
@@ -244,7 +266,7 @@ class WhyCodeFinder:
         return best
 
     def _likest(self, image: Image, rings: list[Pose]) -> list[_Start]:
-        """Return what is likest a code under poses of a ring; empty: nothing is."""
+        """Return the code that a ring is most like under its poses, one at most; empty: none."""
         best: _Start | None = None
         for code in self._prints:
             for pose in rings:
@@ -262,9 +284,9 @@ class WhyCodeFinder:
         *,
         is_known: bool = False,
     ) -> FoundCode | None:
-        """Return a code fitted from a start near it; None if it is not there.
+        """Return a code fitted from a start near it; None: it is not there.
 
-        Known to be there, it need not be read again.
+        If it is known to be there, it need not be read again.
         """
         by_grey = self._prints[code].fit(image, self._camera, start)
         if by_grey is not None and not _explains(by_grey, is_known=is_known):
@@ -283,7 +305,7 @@ class WhyCodeFinder:
     def _by_grey(
         self, image: Image, code: WhyCode, first: Fit, last_normal: Vec3 | None
     ) -> tuple[Pose, ...]:
-        """Return the poses that explain the pixels, best first, beside a first one."""
+        """Return the poses that explain the pixels, best first: of a first fit and its rival."""
         printed, fits = self._prints[code], [first]
         other = self._rival(code, first.pose, last_normal)
         fit = None if other is None else printed.fit_rival(image, self._camera, other, first)
@@ -305,15 +327,16 @@ class WhyCodeFinder:
         return tuple(ranked_by_edges([first] if fit is None else [first, fit]))
 
     def _rival(self, code: WhyCode, pose: Pose, last_normal: Vec3 | None) -> Pose | None:
-        """Return whence the other solution is fitted; None if the pose's needs none beside it."""
+        """Return the start for the mirrored pose; None: the last normal rules that out."""
         if last_normal is not None and pose.normal @ np.array(last_normal) > SAME_SOLUTION_COS:
             return None
         return mirrored_pose(pose, code.radius_m)
 
     def _is_its(self, image: Image, code: WhyCode, pose: Pose, *, is_known: bool) -> bool:
-        """Tell whether what is seen under a pose is a code: read, or like it and known to be there.
+        """Tell whether a code is seen under a pose.
 
-        Or else like it and with no edges but its own.
+        It is if its number can be read, or if it agrees and is either known to be there or shows no
+        edges but its own.
         """
         if self._carries(image, code, pose):
             return True
@@ -330,7 +353,7 @@ class WhyCodeFinder:
         return turn is not None and abs(turn) < math.pi / (2 * code.bits)
 
     def _agrees(self, image: Image, code: WhyCode, pose: Pose, least: float) -> bool:
-        """Tell whether the band under a pose is like the code, though it may not be read."""
+        """Tell whether the band under a pose agrees with the code, though it may be unreadable."""
         alike = _alike(image, self._camera, pose, code.radius_m, code, least)
         return alike is not None and abs(alike[1]) < math.pi / (2 * code.bits)
 
@@ -340,7 +363,7 @@ class WhyCodeFinder:
 
 
 def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int) -> Reading | None:
-    """Return what the code band of a ring at a pose says; None if it says nothing clear.
+    """Return the reading of a ring's code band under a pose; None: it is not clear.
 
     Args:
         image: grey image (height, width).
@@ -364,7 +387,7 @@ def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int
 
 
 def _start(clarity: float, code: WhyCode, ring: Pose, turn: float) -> _Start:
-    """Return a code on a ring of radius 1 whose north is turned to the code's top, rad."""
+    """Return the start for a code on a ring of radius 1, turned (rad) to the code's top."""
     R, t = turned_about_normal(ring.R, turn), code.radius_m * ring.t
     return _Start(clarity, code, Pose(R, t, ring.information, 0.0))
 
@@ -372,9 +395,9 @@ def _start(clarity: float, code: WhyCode, ring: Pose, turn: float) -> _Start:
 def _alike(
     image: Image, camera: CameraModel, pose: Pose, radius: float, code: WhyCode, least: float
 ) -> tuple[float, float] | None:
-    """Return how like a code's the band of a ring is that says nothing clear, and its top's angle.
+    """Return how well a ring's band agrees with a code, and the angle of the code's top, rad.
 
-    The angle is clockwise from the frame's north. None: it is not like it.
+    The angle is clockwise from the frame's north. None: the band is not like the code.
 
     Args:
         image: grey image (height, width).
@@ -382,7 +405,7 @@ def _alike(
         pose: of the ring; its x axis is the north that angles count from.
         radius: of the ring's outer edge, m.
         code: that may be there.
-        least: that each of its bits must differ by.
+        least: agreement that each of its bits must have.
     """
     level = _band(image, camera, pose, radius, code.bits * _SAMPLES_PER_BIT)
     if level is None:
@@ -402,8 +425,8 @@ def _alike(
 def _differences(level: NDArray[np.floating]) -> tuple[F64, int]:
     """Return by how much the second half of each bit is brighter, (bits,), and where bits begin.
 
-    Each bit is the difference of its cell's halves. A wrong beginning is half a cell off: then
-    cells of two unlike neighbours have halves alike, so the sum of all differences is less.
+    Each bit is the difference of its cell's halves. If the beginning is off by half a cell, cells
+    between unlike neighbours have equal halves: the sum of all differences is smaller then.
 
     Args:
         level: along the band, (bits * _SAMPLES_PER_BIT,).
@@ -417,11 +440,9 @@ def _differences(level: NDArray[np.floating]) -> tuple[F64, int]:
 def _band(
     image: Image, camera: CameraModel, pose: Pose, radius: float, samples: int
 ) -> NDArray[np.floating] | None:
-    """Return the grey level along a code band (samples,).
+    """Return the grey level along a code band (samples,), anticlockwise from the frame's east.
 
-    None if not all of it is in the image, or it is too even to be one.
-
-    From the east of the pose's frame, anticlockwise.
+    None: it is not wholly in the image, or too even to be one.
     """
     a = (np.arange(samples) + 0.5) * (2.0 * math.pi / samples)
     directions = np.column_stack([np.sin(a), np.cos(a)]) @ pose.R[:, :2].T
@@ -446,22 +467,22 @@ def _top_angle(reading: Reading, code: WhyCode) -> float | None:
 
 
 def _explains(fit: Fit, *, is_known: bool) -> bool:
-    """Tell whether a fit leaves no more of the pixels than noise and light may."""
+    """Tell whether a fit explains as much of the pixels' variance as noise and light allow."""
     if fit.correlation < _NOISE_CORRELATION and fit.explained > _MIN_NOISY_EXPLAINED:
         return True
     return fit.explained >= (_MIN_KNOWN_EXPLAINED if is_known else MIN_EXPLAINED)
 
 
 def _is_shaded(fit: Fit) -> bool:
-    """Tell whether light that no fit to grey levels knows may lie on what was fitted."""
+    """Tell whether uneven light, which the fit to grey levels does not model, may spoil it."""
     is_even = fit.explained > _EVEN_EXPLAINED or fit.correlation < _SHADED_CORRELATION
     return not is_even and fit.blur < _MOVING_BLUR
 
 
 def _ranked(fits: list[Fit]) -> tuple[Pose, ...]:
-    """Return the poses, best first; its cost is 0, another's how much worse it explains a pixel.
+    """Return the poses, best first, with cost 0 for the best and the excess chi-square for others.
 
-    The fits are of pixels that differ a little, so their sums cannot be compared.
+    The fits are to slightly different pixels, so their variances are compared, not their sums.
     """
     fits = sorted(fits, key=lambda f: f.variance)
     pixels = fits[0].squares / fits[0].variance
@@ -488,7 +509,7 @@ def mirrored_pose(pose: Pose, radius: float) -> Pose | None:
 
 
 def _as_expected(code: WhyCode, expected: Expected) -> Pose:
-    """Return the pose of a code on a pad whose heading is known."""
+    """Return the pose of a code on an expected pad whose heading is known."""
     assert expected.north is not None
     R = rotation_from(expected.normal, expected.north)
     t = expected.position + R[:, :2] @ np.array(code.position_m)
