@@ -1,4 +1,9 @@
-"""Square markers (AprilTag, ArUco) in an image, found by OpenCV's detector."""
+"""Detection of square markers (AprilTag, ArUco) in an image or a window by OpenCV's detector.
+
+In a window, where a pad is known to be, two thresholds are tried in turn. A whole image is looked
+at in several ways that take turns from one search to the next (`SquareFinder._whole_looks`), as all
+of them together would cost too much. `square_fit` gives a detected square its pose.
+"""
 
 import math
 from collections.abc import Iterator
@@ -15,38 +20,45 @@ from landerd.vision.pose import Pose
 from landerd.vision.print_edges import EdgeFit
 from landerd.vision.print_fit import Fit
 
+# ---- sizes and cells ---------------------------------------------------------------------------
 MIN_SIDE_PX = 5.0
-# Along a side of what a decoder reads: of 120 tags of 7 to 20 px none was seen below. To follow
-# smaller outlines takes as long again where an image is full of them.
+# Least width of a cell, px: of 120 tags of 7 to 20 px none with smaller cells was decoded.
+# Following smaller outlines takes as long again in an image that is full of them.
 _MIN_CELL_PX = 1.2
-# Samples along a cell, and the share of them at its either end that does not count. Where a cell is
-# hardly larger than the corners' error they are the next cell's: of 802 tags in photographs all
-# four of OpenCV's own along a cell show 719, the middle one of three 765.
+# Samples along a cell, and the share of them at either end that is ignored. Where a cell is hardly
+# larger than the error of the corners, outer samples belong to the next cell: of 802 tags in
+# photographs all four of OpenCV's own samples along a cell show 719, the middle one of three 765.
 _CELL_MIDDLE = 3, 0.34
-# Where cells are large: all of a cell, of which dirt may hide the middle.
+# The same where cells are large: all of a cell, as dirt may hide its middle.
 _WHOLE_CELL = 4, 0.13
-# Sides of the threshold's window, in turn until all squares are seen. Where a pad is known to be
-# the first mostly shows them.
+
+# ---- looks -------------------------------------------------------------------------------------
+# Sides of the adaptive threshold's surroundings, px, tried in turn in a window until all squares
+# are seen. Where a pad is known to be, the first mostly shows them.
 _WINDOW_MEANS_PX = (7, 21)
-# Of a whole image, one a search in turn, and the first in each that is not full of texture. Alone
-# it shows 743 of those 802 tags.
+# The same with samples of a cell for a whole image: one in each search, in turn, and the first in
+# every search of an image that is not full of texture. That alone shows 743 of those 802 tags.
 _WHOLE_MEANS_PX = ((23, _CELL_MIDDLE), (3, _CELL_MIDDLE), (13, _WHOLE_CELL), (17, _WHOLE_CELL))
-# Outlines follow whole pixels: those of small tags are nearer in an image that is enlarged. A
-# quarter of it so takes no longer than the whole: between two looks at this, each in turn. Together
-# they show 792 of the 802, and all but one of the 791 that OpenCV or the AprilTag 3 library shows.
+# Outlines follow whole pixels, so those of small tags are more exact in an enlarged image. A
+# quarter of the image, enlarged twice, takes no longer than the whole: between two looks at the
+# whole, one quarter is looked at, each in turn. Together they show 792 of the 802, and all but one
+# of the 791 that OpenCV or the AprilTag 3 library shows.
 _ENLARGED, _QUARTER_MEANS_PX = 2.0, (23, 5)
-_ENLARGED_CELL_PX = 2.0  # instead of `_MIN_CELL_PX`
-# One more in turn, in light made even over so many pixels: else an arm's shadow across a square, a
-# drop on the lens or a flickering lamp's band takes a part of its black and white for each other.
-# Of cells so large only: dim texture, made even, is full of outlines. Of 32 pads of one square that
-# no other look showed, 1 to 8 m off in shadow, gloss, grass and leaves, it shows 9.
-_EVEN_LIGHT_PX, _EVEN_LIGHT_MEANS_PX, _EVEN_LIGHT_CELL_PX = 51, (13,), 4.0
+_ENLARGED_CELL_PX = 2.0  # least width of a cell there, px of the enlarged image
 _OVERLAP_PX = 16  # by which a quarter reaches beyond the middle of the image
-# Share of an image's pixels at which black meets white under a threshold by a mean over such a
-# side: the time goes with it. Above it the image is full of texture.
+# One more look in turn, with light made even over this many pixels. Without it parts of a square's
+# white and black are taken for each other where an arm's shadow, a drop on the lens or a flickering
+# lamp's band lies across it. Only for cells at least this large, px: dim texture made even is full
+# of outlines. Of 32 pads of one square that no other look showed, 1 to 8 m away in shadow, gloss,
+# grass and leaves, it shows 9.
+_EVEN_LIGHT_PX, _EVEN_LIGHT_MEANS_PX, _EVEN_LIGHT_CELL_PX = 51, (13,), 4.0
+_EVENED_LEVEL, _DARKEST = 110.0, 4  # grey levels: of an evened mean, and added against noise
+
+# ---- texture -----------------------------------------------------------------------------------
+# An image is full of texture if at more than this share of its pixels black meets white, under a
+# threshold by a mean of this side, px: the time of a search grows with that share.
 _MAX_EDGE_SHARE, _EDGE_MEAN_PX = 0.04, 17
 _THRESHOLD_OFFSET = 7  # grey levels: OpenCV's own
-_EVENED_LEVEL, _DARKEST = 110.0, 4  # grey levels: of a mean made even, and added against noise
 
 
 @dataclass(frozen=True)
@@ -54,14 +66,14 @@ class _Look:
     """A part of an image, and how squares are looked for in it."""
 
     window: Window
-    scale: float  # `_quickly_made`
-    means_px: tuple[int, ...]  # sides of the threshold's window
+    scale: float  # enlargement, as `_quickly_made` returns it
+    means_px: tuple[int, ...]  # sides of the threshold's surroundings, tried in turn
     min_cell_px: float = _MIN_CELL_PX  # in the enlarged part
-    cell: tuple[int, float] = _CELL_MIDDLE  # what of a cell tells it
-    evened_px: int | None = None  # as `SquareFinder.find` takes it
+    cell: tuple[int, float] = _CELL_MIDDLE  # samples of a cell, and share ignored at either end
+    evened_px: int | None = None  # see `SquareFinder.find`
 
     def part(self, image: Image) -> Image:
-        """Return the part of an image, enlarged and made even; may be empty."""
+        """Return the part of an image, enlarged and, if asked for, evened; may be empty."""
         w = self.window
         part = _scaled(image[w.y0 : w.y1, w.x0 : w.x1], self.scale)
         return part if self.evened_px is None or part.size == 0 else _evened(part, self.evened_px)
@@ -77,9 +89,10 @@ class FoundSquare:
 
     square: Square
     corners: F64  # (4, 2) px, top left first, clockwise as its makers print it
-    # That found it where it was expected; None: it was detected.
+    # The fit that found it where it was expected; None: it was detected.
     fit: Fit | EdgeFit | None = None
-    beside: Pose | None = None  # by `SquareBeside`: nothing but its heading is of the square
+    # Its pose if `SquareBeside` found it: only the heading was measured on the square.
+    beside: Pose | None = None
 
 
 class SquareFinder:
@@ -89,9 +102,10 @@ class SquareFinder:
         """Prepare a detector for each dictionary of the pad."""
         self._count = len(layout.squares)
         self._whole_searches = 0
-        # With which of the corners that it tells comes first, and so on, as the makers have them.
+        # For each dictionary: a detector of the pad's ids, the pad's squares, and the order that
+        # turns OpenCV's corners into that of the marker's makers.
         self._detectors: list[tuple[cv2.aruco.ArucoDetector, list[Square], list[int]]] = []
-        # Of all ids of a dictionary, with those of the pad.
+        # For each dictionary: a detector of all its ids, and the pad's ids.
         self._whole: dict[str, tuple[cv2.aruco.ArucoDetector, set[int]]] = {}
         for name in sorted({s.dictionary for s in layout.squares}):
             squares = [s for s in layout.squares if s.dictionary == name]
@@ -117,11 +131,11 @@ class SquareFinder:
         Args:
             image: grey image (height, width).
             window: the part to search; None for all.
-            scale: the window is searched enlarged by this, or reduced by about so much.
-            smallest_px: shortest mean side that is looked for, in the enlarged image. The time goes
-                with the number of outlines that are longer.
-            evened_px: the light of the enlarged image is made even over so many pixels, that a
-                shadow's edge across a square is none; None: not at all.
+            scale: the window is searched enlarged by this, or reduced by about as much.
+            smallest_px: shortest mean side that is looked for, px of the enlarged image. The time
+                grows with the number of longer outlines.
+            evened_px: side of the surroundings, px of the enlarged image, over which light is made
+                even, so that a shadow's edge across a square vanishes; None: light is left.
         """
         if window is None:
             looks = self._whole_looks(image)
@@ -142,7 +156,7 @@ class SquareFinder:
     def _looked(
         self, look: _Look, part: Image, means_px: int, smallest_px: float, known: set[Square]
     ) -> list[FoundSquare]:
-        """Return squares in a part of an image that are not known, one that is there twice too."""
+        """Return squares in a part of an image that are not known yet; one may occur twice."""
         found = []
         for detector, squares, first in self._detectors:
             if known.issuperset(squares):
@@ -161,15 +175,15 @@ class SquareFinder:
     ) -> list[tuple[int, F64]]:
         """Return ids and corners (4, 2), px, of squares with other ids than the pad's.
 
-        Only those whose cells are read without a single error: of a pad's own tag, hidden in part,
-        another id is not far.
+        Only those whose cells are read without any error: the pad's own tag, hidden in part, may be
+        within a few errors of another id.
 
         Args:
-            image: as of `find`, and what follows.
+            image: grey image (height, width).
             dictionary: of the ids.
             window: the part to search.
             scale: enlargement.
-            smallest_px: shortest mean side.
+            smallest_px: shortest mean side that is looked for, px of the enlarged image.
         """
         part = image[window.y0 : window.y1, window.x0 : window.x1]
         if min(part.shape) < MIN_SIDE_PX:
@@ -185,7 +199,11 @@ class SquareFinder:
         ]
 
     def _whole_looks(self, image: Image) -> list[_Look]:
-        """Return how a whole image is looked at: one way in turn, one besides without texture."""
+        """Return how this search looks at a whole image.
+
+        One look in turn, which is at a quarter in every second search; and the first look as well,
+        unless the image is full of texture.
+        """
         search = self._whole_searches
         self._whole_searches += 1
         height, width = image.shape
@@ -214,11 +232,11 @@ def _quarter(whole: Window, turn: int) -> _Look:
 
 
 def is_textured(image: Image) -> bool:
-    """Tell whether an image (height, width) is so full of edges that looking for squares is dear.
+    """Tell whether an image (height, width) is so full of edges that a search takes long.
 
-    What is counted is the same on any machine.
+    Edges are counted instead of time, so that the answer is the same on any machine.
     """
-    # As cv2.adaptiveThreshold has it, in half the time.
+    # The same as cv2.adaptiveThreshold, in half the time.
     side_px = (_EDGE_MEAN_PX, _EDGE_MEAN_PX)
     mean = cv2.blur(image, side_px, borderType=cv2.BORDER_REPLICATE)
     off = _THRESHOLD_OFFSET - 1
@@ -233,15 +251,15 @@ def _in_whole(corners: F64, scale: float, offset_px: tuple[int, int]) -> F64:
 
 
 def _quickly_made(scale: float) -> float:
-    """Return about such an enlargement of an image, one that is made in no time.
+    """Return a scale near this one at which an image is quickly made.
 
-    To reduce an image by anything but halving it takes longer than to look for squares in it.
+    Reducing an image by anything but repeated halving takes longer than searching it for squares.
     """
     return scale if scale >= 1.0 else 2.0 ** round(math.log2(scale))
 
 
 def _scaled(image: Image, scale: float) -> Image:
-    """Return an image enlarged by this, `_quickly_made`."""
+    """Return an image enlarged by a scale that is `_quickly_made`."""
     if scale > 1.0:
         larger = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
         return np.asarray(larger, dtype=np.uint8)
@@ -254,7 +272,7 @@ def _scaled(image: Image, scale: float) -> Image:
 
 
 def _evened(image: Image, width_px: int) -> Image:
-    """Return an image over its mean of so many pixels, which becomes a middle grey."""
+    """Return an image over its local mean (side in px), which becomes a middle grey."""
     grey = np.minimum(image, 255 - _DARKEST) + np.uint8(_DARKEST)
     even = cv2.divide(grey, cv2.blur(grey, (width_px, width_px)), scale=_EVENED_LEVEL)
     return np.asarray(even, dtype=np.uint8)
@@ -263,7 +281,7 @@ def _evened(image: Image, width_px: int) -> Image:
 def _detected(
     detector: cv2.aruco.ArucoDetector, parameters: cv2.aruco.DetectorParameters, image: Image
 ) -> Iterator[tuple[int, F64]]:
-    """Yield number and corners (4, 2), px, of markers; one number may come twice."""
+    """Yield index in the detector's dictionary and corners (4, 2), px; an index may come twice."""
     detector.setDetectorParameters(parameters)
     quads, ids, _ = detector.detectMarkers(image)
     numbers = [] if ids is None else [int(i) for i in ids.reshape(-1)]
@@ -280,7 +298,7 @@ def printed_cells(square: Square) -> NDArray[np.bool_]:
 
 
 def _turns(name: str) -> int:
-    """Return by how many quarter turns OpenCV's print stands wrong.
+    """Return by how many quarter turns OpenCV's print of a dictionary must be turned.
 
     OpenCV holds the AprilTag families upside down: its first corner is the bottom right one of
     the tag as the AprilTag project prints it.

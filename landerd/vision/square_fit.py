@@ -1,4 +1,9 @@
-"""Poses of a square marker from its pixels, both solutions of the planar ambiguity."""
+"""Poses of a square marker from its pixels, both solutions of the planar ambiguity.
+
+A detected square is fitted from its corners, an expected one from where it is expected (tracking).
+The fit is to grey levels (`print_fit`); if these are not explained, to the edges between cells
+(`print_edges`); if neither works for a detected square, to its corners alone (`square_pose`).
+"""
 
 import math
 
@@ -17,37 +22,45 @@ from landerd.vision.square_edges import square_edges
 from landerd.vision.square_pose import planar_poses, poses_from_corners
 
 _PER_CELL = 6  # samples of the print along a cell
-_MARGIN_CELLS = 2  # white round the print
-_USED_MARGIN_CELLS = 0.9  # of it, what is compared with the image
+_MARGIN_CELLS = 2  # width of the white round the print
+_USED_MARGIN_CELLS = 0.9  # width of it that is compared with the image
 
-# Between two solutions the errors of light, blur and motion in the model tell as much as the pixels
-# do: their difference in chi-square is worth a sixth, and less where neighbouring residuals are
-# alike. Gravity decides where that is not enough.
+# ---- two solutions -----------------------------------------------------------------------------
+# Errors of light, blur and motion in the model change the difference in chi-square of two solutions
+# as much as the pixels do: it counts by one sixth, and less if neighbouring residuals correlate.
+# Gravity decides where that is not enough.
 AMBIGUITY_CHI2 = 6.0
-# Of the corners, rms, from those of the first fit: a solution that is farther off needs no fit to
-# its pixels to be told from the first.
+# Largest rms distance of a second solution's corners from those of the first fit: one that is
+# farther off is ruled out without a fit to its pixels.
 _MAX_RIVAL_ERROR_PX = 0.5
-_CORNER_SIGMA_PX = 0.7  # of corners as OpenCV finds them, where the pixels cannot be fitted
-# Share of the pixels' variance. More than `MIN_EXPLAINED`, because nothing decoded what is tracked.
-_MIN_TRACKED_EXPLAINED = 0.93
-# A robust fit explains another code's tag as well, but for the cells that differ: of its pixels.
-_MAX_CONTRADICTED = 0.05
-# Where light or something foreign lies on it: share of the whole, below which the fit is not near.
-_MIN_NEAR_EXPLAINED = 0.3
-# Share of the code's cells that must be in the picture: twelve of 36 are by chance as printed once
-# in 4096 times, and a border alone is anything's that is dark and straight.
-_MIN_IN_VIEW = 1.0 / 3.0
-# What edges must show to be the print's: share of all, and of those of its code, that are in
-# place, and of the code's that are turned. Of 300 tags in their vehicle's shadow all but a few had
-# 0.65, 0.53 and none; another code's tag in its place 0.7, 0.42 and 0.07, texture none.
-_MIN_SUPPORT, _MIN_CODE_SUPPORT, _MAX_TURNED = 0.6, 0.5, 0.05
-# The same of a print that is hidden in part, by dirt, and where it is seen contradicts nothing: of
-# its border, and of its code.
-_MIN_OUTLINE_SUPPORT, _MIN_SHOWN_SUPPORT = 0.85, 0.15
-# Gravity alone tells two solutions apart where one is so level and the other leans so much: pads
-# lean by 15 degrees at most.
+# Gravity alone rules out a second solution if the first leans by less than the one angle and the
+# second by more than the other: pads lean by 15 degrees at most.
 _LEVEL_COS = math.cos(math.radians(6.0))
 _TILTED_COS = math.cos(math.radians(17.0))
+_CORNER_SIGMA_PX = 0.7  # of corners as OpenCV finds them, where the pixels cannot be fitted
+
+# ---- tracking ----------------------------------------------------------------------------------
+# Least share of the pixels' variance that a fit explains. More than `MIN_EXPLAINED`, as a tracked
+# square was not decoded.
+_MIN_TRACKED_EXPLAINED = 0.93
+# Largest share of pixels that contradict the print (`Fit.contradicted`): a robust fit explains
+# another code's tag as well, except for the cells that differ.
+_MAX_CONTRADICTED = 0.05
+# Share of the variance below which a fit is not even near the pose, with light or something foreign
+# on the print.
+_MIN_NEAR_EXPLAINED = 0.3
+# Share of the code's cells that must be in the picture: by chance twelve of 36 are as printed once
+# in 4096 times, and a border alone may be that of anything dark and straight.
+_MIN_IN_VIEW = 1.0 / 3.0
+
+# ---- what edges must show to be the print's ----------------------------------------------------
+# Least share of all edges that are in place, least share of the code's that are, and largest share
+# of the code's that are white for black. Of 300 tags in their vehicle's shadow all but a few had
+# 0.65, 0.53 and none; another code's tag in its place 0.7, 0.42 and 0.07, texture none.
+_MIN_SUPPORT, _MIN_CODE_SUPPORT, _MAX_TURNED = 0.6, 0.5, 0.05
+# The same of the border and of the code for a print that is hidden in part, say by dirt, and
+# contradicted nowhere.
+_MIN_OUTLINE_SUPPORT, _MIN_SHOWN_SUPPORT = 0.85, 0.15
 
 
 class SquarePrint(MarkerPrint):
@@ -74,20 +87,20 @@ class SquarePrint(MarkerPrint):
         known_normal: Vec3 | None = None,
         first: Fit | EdgeFit | None = None,
     ) -> tuple[list[Pose], str]:
-        """Return the one or two poses that explain the pixels, best first, and by which stage.
+        """Return the one or two poses that explain the pixels, best first, and the fit's stage.
 
-        The cost of the best is 0, that of the other how much worse it explains them. Where the
-        print is too disturbed to be fitted, the poses that explain its edges, or the corners alone.
+        The best has cost 0, the other the excess of its chi-square. If the print is too disturbed
+        to be fitted, these are the poses that explain its edges, else its corners alone.
 
         Args:
             image: grey image (height, width).
             camera: the lens.
             corners: (4, 2) pixels, top left first, clockwise as printed.
             down: unit vector of gravity, camera frame; a second solution far from level is not
-                worth its fit.
-            known_normal: into the pad as the frame before or a ring told it, camera frame; a pose
-                that agrees needs no second one beside it.
-            first: a fit that found the square; None: it is made from the corners.
+                fitted.
+            known_normal: into the pad, from the last frame or a ring, camera frame; if the first
+                pose agrees with it, no second one is fitted.
+            first: the fit that found the square; None: it is made from the corners.
         """
         first = first or self._first(image, camera, corners)
         if first is None:
@@ -102,7 +115,7 @@ class SquarePrint(MarkerPrint):
         return _ranked(fits), GREY
 
     def _first(self, image: Image, camera: CameraModel, corners: F64) -> Fit | EdgeFit | None:
-        """Return the fit that begins as the corners say; None if they alone are to be trusted."""
+        """Return the fit started from the corners; None: only the corners can be used."""
         starts = planar_poses(camera.rays(corners), self._size)
         if not starts:
             return None
@@ -112,10 +125,11 @@ class SquarePrint(MarkerPrint):
         return fit if is_near else self._by_edges(image, camera, start)
 
     def track(self, image: Image, camera: CameraModel, expected: Pose) -> Fit | EdgeFit | None:
-        """Return the fit of the square where it is expected, to a cell; None: it is not there.
+        """Return the fit of the square within a cell of where it is expected; None: it is absent.
 
-        The whole print must be explained, or most of its edges where something hides the rest or
-        the light is uneven, so that nothing else is taken for it; and enough of its code be seen.
+        So that nothing else is taken for it, the whole print must be explained, or most of its
+        edges if something hides the rest or light is uneven; and enough of its code must be in the
+        picture.
         """
         fit = self._tracked(image, camera, expected)
         return fit if fit is not None and self._is_in_view(camera, fit.pose) else None
@@ -130,7 +144,7 @@ class SquarePrint(MarkerPrint):
         return bool(inside.mean() > _MIN_IN_VIEW)
 
     def _tracked(self, image: Image, camera: CameraModel, expected: Pose) -> Fit | EdgeFit | None:
-        """Return the fit that explains what is in the picture, be it ever so little."""
+        """Return the fit that explains what is in the picture, however little that is."""
         fit = self.fit(image, camera, expected, has_rival=False)
         if fit is None or fit.explained < _MIN_NEAR_EXPLAINED:
             return self._by_edges(image, camera, expected)
@@ -138,16 +152,16 @@ class SquarePrint(MarkerPrint):
             return self._edges.fit_hidden(image, camera, expected)
         if fit.explained > _MIN_TRACKED_EXPLAINED:
             return fit
-        # Nothing of it is another print's: what is not as printed may be hidden.
+        # No other print contradicts it: what is not as printed may be hidden.
         by_edges = self._by_edges(image, camera, fit.pose, may_be_hidden=True)
         return by_edges or self._by_edges(image, camera, expected)
 
     def _by_edges(
         self, image: Image, camera: CameraModel, start: Pose, *, may_be_hidden: bool = False
     ) -> EdgeFit | None:
-        """Return the fit to edges near a start; None if they are not the print's.
+        """Return the fit to edges near a start; None: they are not the print's.
 
-        Where it may be hidden its border must be seen, and some of its code.
+        If part of it may be hidden, its border and some of its code are enough.
         """
         fit = self._edges.fit(image, camera, start)
         if fit is None:
@@ -157,7 +171,7 @@ class SquarePrint(MarkerPrint):
         is_shown = is_border and fit.code_support > _MIN_SHOWN_SUPPORT
         if fit.turned < _MAX_TURNED and (is_print or (may_be_hidden and is_shown)):
             return fit
-        # Dirt that is darker than faded ink turns edges, too.
+        # Dirt darker than faded ink makes edges white for black, too.
         return fit if self._edges.is_own(image, camera, fit) else None
 
     def _is_telling(self, north: F64, east: F64) -> NDArray[np.bool_]:
@@ -168,12 +182,12 @@ class SquarePrint(MarkerPrint):
     def _rivals(
         self, camera: CameraModel, pose: Pose, known_normal: Vec3 | None, down: Vec3 | None
     ) -> list[Pose]:
-        """Return whence other solutions are fitted, of the corners as a first pose has them."""
+        """Return starts for other solutions, from the corners that the first pose implies."""
         if known_normal is not None and pose.normal @ np.array(known_normal) > SAME_SOLUTION_COS:
             return []
         focal = camera.focal
-        # Where another pose is known to be near, blurred or bloomed corners are no reason to doubt:
-        # no pad lies as this one would.
+        # If the first pose is doubtful (the normal is known to be another, or no pad lies so), the
+        # other is fitted however far blur or bloom put its corners.
         is_steep = down is not None and float(pose.normal @ np.array(down)) < _TILTED_COS
         is_near = known_normal is not None or is_steep
         most_px = math.inf if is_near else _MAX_RIVAL_ERROR_PX
@@ -187,10 +201,10 @@ class SquarePrint(MarkerPrint):
 
 
 def _ranked(fits: list[Fit]) -> list[Pose]:
-    """Return the poses, best first; its cost is 0, another's how much worse it explains them."""
+    """Return the poses, best first: with cost 0, and for others the excess of chi-square."""
     fits = sorted(fits, key=_per_pixel)
     best = fits[0]
-    # Of residuals that correlate so, n tell as much as n (1 - c) / (1 + c) independent ones.
+    # n residuals with this correlation tell as much as n (1 - c) / (1 + c) independent ones.
     c = best.correlation
     unit = AMBIGUITY_CHI2 * best.variance * (1.0 + c) / (1.0 - c)
     costs = (best.pixels * (_per_pixel(f) - _per_pixel(best)) / unit for f in fits)
@@ -201,7 +215,7 @@ def _ranked(fits: list[Fit]) -> list[Pose]:
 
 
 def _per_pixel(fit: Fit) -> float:
-    """Return what a fit leaves over: under another pose a print covers more pixels, or fewer."""
+    """Return the squared residual per pixel: under another pose a print covers more or fewer."""
     return fit.squares / fit.pixels
 
 
