@@ -1,4 +1,4 @@
-"""ArduCopter's numbers that MAVLink messages carry."""
+"""ArduCopter's numbers in MAVLink messages: flight modes, vehicle types, the forced disarm."""
 
 from enum import IntEnum
 
@@ -35,9 +35,9 @@ class Mode(IntEnum):
 
 
 # MAV_TYPE of the vehicles that ArduCopter flies: quad, coaxial, helicopter, hexa, octo, tri,
-# dodeca, deca. Mode 4 of ArduPlane or ArduRover is another one.
+# dodeca, deca. The same mode number means another mode in ArduPlane or ArduRover.
 VEHICLE_TYPES = frozenset({2, 3, 4, 13, 14, 15, 29, 35})
-FORCE_DISARM = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: in the air, too
+FORCE_DISARM = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: disarms in the air, too
 
 
 def mode_name(number: int) -> str:

@@ -3,8 +3,8 @@
 import math
 from collections import deque
 
-_WINDOW_S = 10.0  # over which the link's quickest round trip is looked for
-_LONGEST_ROUND_TRIP_S = 1.0  # slower exchanges say too little
+_WINDOW_S = 10.0  # the quickest round trip is the quickest of this window
+_LONGEST_ROUND_TRIP_S = 1.0  # slower exchanges are too uncertain to be used
 _SIGMA_STAMP_S = 0.001  # resolution of the stamps, and the autopilot's main loop
 # Crystals are off by up to 50e-6 and drift with temperature by 1e-6 in some seconds.
 _SIGMA_DRIFT, _DRIFT_RANDOM_WALK = 100e-6, 1e-6  # s/s; s/s per sqrt(s)

@@ -1,10 +1,10 @@
-"""Which of the autopilot's parameters the core uses, under their names in each firmware."""
+"""The autopilot's parameters that the core uses, under their names in each firmware."""
 
 from collections.abc import Collection
 
 from landerd.messages import ParameterChange
 
-# The core's key, and the values that the configuration may have.
+# The core's key, and the least and greatest value that the configuration allows.
 _ACCELERATION = ("autopilot.acceleration_mps2", 0.5, 10.0)
 _VERTICAL_ACCELERATION = ("autopilot.vertical_acceleration_mps2", 0.3, 5.0)
 _JERK = ("autopilot.jerk_mps3", 1.0, 50.0)
@@ -28,7 +28,7 @@ _PARAMETERS: dict[str, tuple[float, tuple[str, float, float]]] = {
 
 
 def change_of(name: str, value: float, now: float) -> ParameterChange | None:
-    """Return the core's change by a parameter reported at now (s); None: of no use to it."""
+    """Return a parameter reported at now (s) as the core's change; None: of no use to the core."""
     if name not in _PARAMETERS or not value > 0.0:
         return None
     unit, (key, least, most) = _PARAMETERS[name]

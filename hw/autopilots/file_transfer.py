@@ -1,7 +1,8 @@
 """MAVLink's file transfer protocol: landerd has no files, and refuses requests.
 
-https://mavlink.io/en/services/ftp.html. Ground stations that would fetch the parameters as a file
-turn to the parameter protocol when they are refused; unanswered they ask again for 10 s and more.
+https://mavlink.io/en/services/ftp.html. Some ground stations first try to fetch the parameters as a
+file. Refused, they use the parameter protocol at once; unanswered, they repeat the request for 10 s
+and more.
 """
 
 import struct
@@ -18,7 +19,7 @@ _UNKNOWN_COMMAND = 7
 
 
 def refusal(request: Message) -> Message | None:
-    """Return the answer to a FILE_TRANSFER_PROTOCOL; None: it is no request."""
+    """Return the refusal of a FILE_TRANSFER_PROTOCOL request; None: the message is no request."""
     sequence, session, opcode, *_ = _HEADER.unpack_from(bytes(request.payload))
     if opcode >= _FIRST_REPLY:
         return None

@@ -12,13 +12,13 @@ from hw.autopilots.signing import Signing
 def heartbeat_of(
     system_id: int, signing: Signing | None, strangers: Counter[str] | None = None
 ) -> Callable[[bytes], bool]:
-    """Return a function that tells whether a datagram has a heartbeat of a system's autopilot.
+    """Return a function that tells whether a datagram holds a heartbeat of a system's autopilot.
 
     Args:
-        system_id: of the vehicle.
-        signing: with it a heartbeat counts only if it is signed with the key.
-        strangers: counts what other datagrams have, by the kinds of Autopilot.counters, and the
-            heartbeats of other autopilots by their "system 2".
+        system_id: MAVLink system id of the vehicle.
+        signing: if given, a heartbeat counts only if it is signed with the key.
+        strangers: is made to count what other datagrams hold, by the kinds of Autopilot.counters,
+            and the heartbeats of other autopilots by system, as in "system 2".
     """
     counts: Counter[str] = Counter() if strangers is None else strangers
 

@@ -39,10 +39,12 @@ COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 
 _TIMESYNC_PERIOD_S = 0.2
-_HEARTBEAT_S = 3.0  # what an older heartbeat said of arming is not known to be so
+_HEARTBEAT_S = 3.0  # by an older heartbeat it is not known whether the vehicle is armed
 _STATUSTEXT_LENGTH = 50
-_ASK_S = 5.0  # what the core needs to know is asked for again until it is told
-_TEXTS_AT_ONCE, _TEXTS_PER_S = 6.0, 2.0  # a slow telemetry port has better to carry
+_ASK_S = 5.0  # interval at which a parameter that the core needs is requested until it is reported
+# Status texts that may be sent in one burst, and their rate after it, 1/s: a slow telemetry port
+# has more important messages to carry.
+_TEXTS_AT_ONCE, _TEXTS_PER_S = 6.0, 2.0
 
 _GROUND_STATION_MESSAGES = frozenset(
     {
@@ -79,15 +81,15 @@ class _Subscriber(NamedTuple):
 class MavlinkAutopilot:
     """An ArduCopter behind a byte stream; an Autopilot.
 
-    landerd is an onboard computer (component 191) of the vehicle's own system. Telemetry is taken
-    of that system's autopilot (component 1) only, parameter messages and commands of the ground
-    stations named; all else is counted and ignored. Messages stamped with time_boot_ms are placed
-    on the loop's clock by TIMESYNC; the others get their time of arrival. A message that is not
-    newer than the last of its kind is dropped.
+    landerd is an onboard computer (component 191) of the vehicle's own MAVLink system. It accepts
+    telemetry from that system's autopilot (component 1) only, and parameter messages and commands
+    from the configured ground stations only; all other messages are counted and ignored. TIMESYNC
+    converts time_boot_ms stamps to the event loop's clock; messages without that stamp get their
+    time of arrival. A message that is not newer than the last one of its kind is dropped.
 
     Attributes:
-        counters: what was dropped, lost on the way or refused, by kind.
-        vehicle_parameters: the autopilot's, those that were asked for and answered.
+        counters: number of messages dropped, lost on the way or refused, by kind.
+        vehicle_parameters: the autopilot's parameters that it has reported on request.
     """
 
     def __init__(
@@ -100,15 +102,15 @@ class MavlinkAutopilot:
         parameters: Parameters | None = None,
         signing: MessageSigning | None = None,
     ) -> None:
-        """Make it; the link is opened by `open`.
+        """Make a driver; `open` opens its link.
 
         Args:
-            link: to the autopilot.
-            system_id: the vehicle's.
-            setpoint_frame: of the velocities sent.
-            ground_stations: system ids whose parameter messages and commands are taken.
-            parameters: what they may read and change; None: nothing.
-            signing: key for signed messages; None: unsigned.
+            link: byte stream to the autopilot.
+            system_id: MAVLink system id of the vehicle.
+            setpoint_frame: frame of the velocities sent.
+            ground_stations: system ids whose parameter messages and commands are accepted.
+            parameters: landerd's parameters that these may read and change; None: none.
+            signing: key for signed messages; None: messages are not signed.
         """
         self.counters: Counter[str] = Counter()
         self.vehicle_parameters: dict[str, float] = {}
@@ -162,14 +164,15 @@ class MavlinkAutopilot:
         take: Callable[[Message, float], None],
         counts: Callable[[Message], bool],
     ) -> None:
-        """Ask the autopilot for one more kind of message, as that of a gimbal it drives.
+        """Ask the autopilot for one more kind of message, such as reports of a gimbal it drives.
 
         Args:
-            message_id: one that landerd itself does not read.
-            rate_hz: how often it is to come.
-            take: called with each message and its loop time: that of its time_boot_ms if it has
+            message_id: id of a message that this driver does not read itself.
+            rate_hz: rate to request, Hz.
+            take: called with each message and its loop time (s), from its time_boot_ms if it has
                 one, else of its arrival. One that is not newer than the last is dropped.
-            counts: tells whether a message is for the subscriber; another device's is passed by.
+            counts: tells whether a message is for the subscriber; others, say of another device,
+                are ignored.
         """
         self._subscribers[message_id] = _Subscriber(take, counts)
         self._streams.add(message_id, rate_hz)
@@ -179,7 +182,10 @@ class MavlinkAutopilot:
         self._link.write(self._codec.encode(message, asyncio.get_running_loop().time()))
 
     def command(self, command: int, *params: float) -> None:
-        """Send the autopilot a COMMAND_LONG; missing parameters are 0. A refusal is told once."""
+        """Send the autopilot a COMMAND_LONG; missing parameters are 0.
+
+        The pilot is told of a refusal, once.
+        """
         values = (*params, *(0.0,) * (7 - len(params)))
         self.send(
             mavlink.MAVLink_command_long_message(self._system, _AUTOPILOT, command, 0, *values)
@@ -223,8 +229,7 @@ class MavlinkAutopilot:
     def _pass_on(self, m: Message, kind: int, now: float) -> None:
         """Give a message to the core and to its subscriber. Raises BadMessage.
 
-        Set-points in the vehicle's frame are turned by the attitudes that are believed, and no
-        others.
+        Only attitudes that are accepted count for turning set-points into the vehicle's frame.
         """
         read = _READERS.get(kind)
         message = read(m, now) if read is not None else None
@@ -237,7 +242,7 @@ class MavlinkAutopilot:
             try:
                 subscriber.take(m, t)
             except (ArithmeticError, ValueError) as e:
-                # As of an angle that is infinite: no reason to lose the link.
+                # Say, an infinite angle: one bad message is no reason to give up the link.
                 raise telemetry.BadMessage(f"bad {m.get_type()}") from e
         if message is not None and t is not None:
             self._pending.append(replace(message, t=t))
@@ -246,7 +251,7 @@ class MavlinkAutopilot:
                 self._heading.measured(t, message.yaw, yaw_rate)
 
     def _note(self, m: Message, kind: int, now: float) -> None:
-        """Take what the driver itself needs to know."""
+        """Take from a message what this driver itself needs."""
         if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             is_armed = m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
             self._disarmed_until = -math.inf if is_armed else now + _HEARTBEAT_S
@@ -262,7 +267,7 @@ class MavlinkAutopilot:
     def _on_timesync(self, m: Message, now: float) -> None:
         if m.tc1 == 0:  # the autopilot asks for our time
             self.send(mavlink.MAVLink_timesync_message(_nanoseconds(now), m.ts1))
-        elif m.ts1 in self._timesync_sent:  # not the answer to somebody else
+        elif m.ts1 in self._timesync_sent:  # the answer to our own request, not to another's
             boot_s = 1e-9 * m.tc1
             if not self._note_boot(boot_s, now, is_answer=True):
                 return
@@ -272,7 +277,7 @@ class MavlinkAutopilot:
                 self._pending.append(ClockSync(now, uncertainty_s))
 
     def _on_parameter(self, name: str, value: float, now: float) -> None:
-        """Keep one of the autopilot's parameters; pass on those that the core goes by."""
+        """Keep one of the autopilot's parameters; pass on those that the core uses."""
         if value != self.vehicle_parameters.get(name):
             change = core_parameters.change_of(name, value, now)
             if change is not None:
@@ -280,7 +285,7 @@ class MavlinkAutopilot:
         self.vehicle_parameters[name] = value
 
     def _on_command_ack(self, m: Message) -> None:
-        """Say once what the autopilot does not do."""
+        """Tell the pilot once of a command that the autopilot refuses."""
         addressee = (m.target_system, m.target_component)
         if addressee not in ((self._system, COMPONENT), (0, 0)):
             return
@@ -293,9 +298,9 @@ class MavlinkAutopilot:
 
     def _take_ground_stations(self, m: Message, kind: int, now: float) -> None:
         if m.target_system != self._system or m.target_component not in (0, COMPONENT):
-            return  # to the autopilot, or to another vehicle
+            return  # addressed to the autopilot, or to another vehicle
         if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
-            if m.target_component == COMPONENT:  # not what is meant for every component
+            if m.target_component == COMPONENT:  # addressed to landerd, not to every component
                 self._on_command(m, disarmed=now < self._disarmed_until)
         elif kind == mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL:
             answer = file_transfer.refusal(m) if m.target_component == COMPONENT else None
@@ -310,7 +315,7 @@ class MavlinkAutopilot:
     def _on_command(self, m: Message, *, disarmed: bool) -> None:
         result: int = mavlink.MAV_RESULT_UNSUPPORTED
         if m.command == mavlink.MAV_CMD_PREFLIGHT_STORAGE and self._parameters is not None:
-            # A slow disk would hold up the set-points.
+            # Not in flight: writing to a slow disk would hold up the set-points.
             result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
             if disarmed:
                 result = self._parameters.save(m.param1)
@@ -323,9 +328,9 @@ class MavlinkAutopilot:
     # ---- time ----
 
     def _place(self, m: Message, now: float) -> float | None:
-        """Return the loop time of a stamped message; None: not newer than the last of its kind.
+        """Return the loop time (s) of a stamped message; None: it is to be dropped.
 
-        Nor is it where its stamp is not believed.
+        That is, its stamp is not believed, or it is not newer than the last one of its kind.
         """
         boot_s = self._clock.unwrapped(m.time_boot_ms, now)
         if not self._note_boot(boot_s, now):
@@ -338,7 +343,7 @@ class MavlinkAutopilot:
         return t
 
     def _note_boot(self, boot_s: float, now: float, *, is_answer: bool = False) -> bool:
-        """Note a boot time (s), and begin anew with a new boot; tell whether it is believed."""
+        """Note a time since boot (s) and tell whether it is believed; reset after a restart."""
         boot = self._restarts.hear(boot_s, now, is_answer=is_answer)
         if boot is Boot.UNKNOWN:
             self._drop("a boot time that does not fit", now)
@@ -355,7 +360,7 @@ class MavlinkAutopilot:
         return True
 
     def _request_missing(self, now: float) -> None:
-        """Ask for the time when it is due, and for the streams that do not come."""
+        """Send a TIMESYNC request when it is due, and ask again for streams that are missing."""
         if now >= self._timesync_due:
             self._timesync_due = now + _TIMESYNC_PERIOD_S
             stamp = _nanoseconds(now)
@@ -373,7 +378,7 @@ class MavlinkAutopilot:
     # ---- out ----
 
     def heartbeat(self) -> None:
-        """Say that landerd lives; the control task calls this once a second."""
+        """Send landerd's HEARTBEAT; the control task calls this once a second."""
         self.send(
             mavlink.MAVLink_heartbeat_message(
                 mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
@@ -398,7 +403,7 @@ class MavlinkAutopilot:
         self._order(lambda now: orders.level_target(order, self._system, now))
 
     def show_target(self, target: LandingTarget) -> None:
-        """Tell the autopilot where the pad is."""
+        """Send LANDING_TARGET, the pad's position, to the autopilot."""
         self._order(lambda now: orders.landing_target(target))
 
     def _order(self, make: Callable[[float], Message]) -> None:
@@ -409,7 +414,7 @@ class MavlinkAutopilot:
             self._drop(str(e), now)
 
     def plot(self, values: Mapping[str, float]) -> None:
-        """Send NAMED_VALUE_FLOATs."""
+        """Send values by name as NAMED_VALUE_FLOAT, for plots in the ground station."""
         boot_ms = int(asyncio.get_running_loop().time() * 1e3) & 0xFFFFFFFF
         for name, value in values.items():
             self.send(
@@ -417,7 +422,10 @@ class MavlinkAutopilot:
             )
 
     def tell(self, text: StatusText) -> None:
-        """Show the pilot a line, cut to 50 characters; too many, not critical, are held back."""
+        """Show the pilot a line, cut to 50 characters.
+
+        Beyond a burst and a rate (_TEXTS_AT_ONCE, _TEXTS_PER_S) only critical ones are sent.
+        """
         now = asyncio.get_running_loop().time()
         left = self._texts_left + _TEXTS_PER_S * (now - self._texts_t)
         self._texts_left, self._texts_t = min(left, _TEXTS_AT_ONCE), now
@@ -433,7 +441,7 @@ class MavlinkAutopilot:
         self.tell(StatusText(Severity.WARNING, f"landerd: {text}"))
 
     def ask_parameter(self, name: str) -> None:
-        """Ask for one of the autopilot's parameters; `receive` takes the answer."""
+        """Request one of the autopilot's parameters; `receive` takes the answer."""
         self.send(
             mavlink.MAVLink_param_request_read_message(
                 self._system, _AUTOPILOT, name.encode("ascii"), -1
@@ -441,11 +449,11 @@ class MavlinkAutopilot:
         )
 
     def disarm(self) -> None:
-        """Ask for disarming; the autopilot refuses in the air."""
+        """Order the autopilot to disarm, which it refuses in the air."""
         self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
 
     def _drop(self, kind: str, now: float, count: int = 1) -> None:
-        """Count what is dropped or refused, and log each kind once a second."""
+        """Count messages dropped or refused; log each kind at most once a second."""
         self.counters[kind] += count
         if now - self._logged.get(kind, -math.inf) >= 1.0:
             self._logged[kind] = now

@@ -24,18 +24,19 @@ _OVERHEAD_V1, _OVERHEAD_V2 = 8, 12
 
 
 class MavlinkCodec:
-    """MAVLink 2 out; MAVLink 2 and 1 in, damaged bytes skipped.
+    """Encodes MAVLink 2; decodes MAVLink 2 and 1, skipping damaged bytes.
 
     Attributes:
-        counters: "garbled bytes" skipped; of them what looked like "unknown" messages; messages
-            "badly signed" or not at all; "messages lost" by the gaps in their senders' sequence
+        counters: "garbled bytes": bytes skipped; "unknown": what in these looked like messages
+            that the dialect does not have; "badly signed": messages with a wrong signature or,
+            though it is required, without one; "messages lost": gaps in the senders' sequence
             numbers.
     """
 
     def __init__(self, system: int, component: int, signing: MessageSigning | None = None) -> None:
-        """Messages go out as from this system and component.
+        """Make a codec whose messages are sent as from this system and component.
 
-        With signing all are signed, and only signed ones come in.
+        With signing all messages sent are signed, and only signed ones are accepted.
         """
         self.counters: Counter[str] = Counter()
         self._mavlink = mavlink.MAVLink(None, system, component)
@@ -60,7 +61,7 @@ class MavlinkCodec:
         buffer = self._buffer
         buffer += data
         messages: list[Message] = []
-        done = 0  # everything before is used up
+        done = 0  # all bytes before this index are decoded or skipped
         unfinished: int | None = None  # start of the first frame that may still be completed
         at = 0
         while (found := _MARKER.search(buffer, at)) is not None:
@@ -70,15 +71,15 @@ class MavlinkCodec:
                 at += 1
                 continue
             if at + size > len(buffer):
-                # Perhaps a frame still on its way, perhaps a damaged length: look further, for
-                # a good frame behind it shows which.
+                # Either a frame that is not complete yet, or a damaged length byte. Search on: a
+                # good frame behind it shows that the length was damaged.
                 unfinished = at if unfinished is None else unfinished
                 at += 1
                 continue
             message = self._decode_frame(buffer[at : at + size])
             if message is not None and message.get_msgId() < 0:
-                # Not in the dialect: its checksum cannot be verified, nor can its length be
-                # trusted. In a frame still on its way it is no message at all.
+                # Not in the dialect: its checksum cannot be verified, nor its length trusted. It is
+                # not counted inside a frame that may still be completed: it may be its payload.
                 self.counters["unknown"] += unfinished is None
                 message = None
             if message is None:
@@ -103,7 +104,7 @@ class MavlinkCodec:
 
     @property
     def pending_bytes(self) -> int:
-        """Length of what may become a frame when more comes, at most one frame's."""
+        """Number of bytes kept that may still become a frame, at most one frame's length."""
         return len(self._buffer)
 
     def reset(self) -> None:
@@ -121,14 +122,14 @@ class MavlinkCodec:
         source = (message.get_srcSystem(), message.get_srcComponent())
         seq = message.get_seq()
         missed = (seq - self._last_seq.get(source, seq - 1) - 1) & 0xFF
-        if missed < 128:  # else an older one that was overtaken
+        if missed < 128:  # otherwise it is an older message that was overtaken
             self._last_seq[source] = seq
             if missed:
                 self.counters["messages lost"] += missed
 
 
 def _frame_size(buffer: bytearray, at: int) -> int | None:
-    """Size of the frame that starts here as far as can be seen; None: no frame starts here."""
+    """Return the size of a frame that may start here, bytes; None: no frame starts here."""
     header = buffer[at : at + 3]
     if len(header) < 3:
         return _OVERHEAD_V2

@@ -1,4 +1,4 @@
-"""The core's orders as messages to ArduCopter; impossible ones are refused."""
+"""Turns the core's orders into messages to ArduCopter; impossible ones are refused."""
 
 import math
 from typing import Literal
@@ -17,7 +17,7 @@ _ATTITUDE_AND_THRUST = 7  # type_mask: ignore the body's rates
 
 
 class Refused(Exception):
-    """An order is not sent; the text says what is wrong with it."""
+    """An order that is not to be sent; the text says what is wrong with it."""
 
 
 def velocity_target(
@@ -26,14 +26,15 @@ def velocity_target(
     """Return SET_POSITION_TARGET_LOCAL_NED with a velocity and a yaw rate.
 
     Args:
-        setpoint: what is ordered.
-        system: the vehicle's system id.
+        setpoint: the order.
+        system: MAVLink system id of the vehicle.
         now: loop time, s.
-        frame: of the velocity sent.
-        heading: the vehicle's, rad; None: not known, and then nothing is sent in the body's frame.
+        frame: frame in which the velocity is sent.
+        heading: heading of the vehicle, rad; None: not known.
 
     Raises:
-        Refused: a value is not finite or beyond any vehicle, or the heading is wanted.
+        Refused: a value is not finite or beyond what any vehicle flies, or the velocity is to be
+            sent in the body's frame and the heading is not known.
     """
     north, east, down = setpoint.velocity
     if not (
@@ -64,8 +65,8 @@ def velocity_target(
 def level_target(order: PressDown, system: int, now: float) -> Message:
     """Return SET_ATTITUDE_TARGET: level, thrust 0, sent at loop time now (s).
 
-    ArduCopter takes 0 for the fastest descent, or with GUID_OPTIONS bit 3 for no thrust: either
-    presses down.
+    ArduCopter takes thrust 0 for the fastest descent, or with GUID_OPTIONS bit 3 for no thrust;
+    either way the vehicle presses on the pad.
 
     Raises:
         Refused: the heading is not finite.
@@ -85,10 +86,11 @@ def level_target(order: PressDown, system: int, now: float) -> Message:
 
 
 def landing_target(target: LandingTarget) -> Message:
-    """Return LANDING_TARGET: body FRD, time of exposure on landerd's clock.
+    """Return LANDING_TARGET: position in body FRD, stamped with the exposure on landerd's clock.
 
-    ArduPilot finds the difference of the clocks itself from the quickest messages, so that what
-    is left is the shortest time from exposure to arrival: its PLND_LAG.
+    ArduPilot itself finds the difference of the clocks from the messages that arrive soonest. What
+    its time of a message is late by is thus the shortest time from exposure to arrival: PLND_LAG
+    is to be set to that.
 
     Raises:
         Refused: the position is not finite, or farther than any vehicle flies.
@@ -101,7 +103,7 @@ def landing_target(target: LandingTarget) -> Message:
         int(target.t * 1e6),
         0,
         mavlink.MAV_FRAME_BODY_FRD,
-        *(math.atan2(y, z), math.atan2(-x, z)),  # for readers of the old fields
+        *(math.atan2(y, z), math.atan2(-x, z)),  # for receivers that read the angles only
         distance,
         *(0.0, 0.0),
         *(x, y, z),

@@ -1,7 +1,7 @@
 """The server side of MAVLink's parameter protocol: landerd's own parameters for ground stations.
 
-https://mavlink.io/en/services/parameter.html. All are sent as REAL32: for it the two ways in which
-ground stations read whole numbers, by value and by bytes, are the same.
+https://mavlink.io/en/services/parameter.html. All parameters are sent as REAL32: some ground
+stations take whole numbers by value and some by bytes, and for REAL32 the two are the same.
 """
 
 import asyncio
@@ -18,7 +18,8 @@ from landerd.ports import ParameterRefused, Parameters
 
 log = logging.getLogger(__name__)
 
-# The whole list at once would hold set-points up by half a second on a slow telemetry port.
+# Interval between two entries of the list: sent at once, the list would hold up set-points by half
+# a second on a slow telemetry port.
 _LIST_INTERVAL_S = 0.02
 _WRITE_PERSISTENT = 1.0  # PREFLIGHT_STORAGE_PARAMETER_ACTION
 
@@ -29,14 +30,14 @@ class ParameterProtocol:
     def __init__(
         self, parameters: Parameters, send: Callable[[Message], None], tell: Callable[[str], None]
     ) -> None:
-        """Send: sends a message. Tell: shows the pilot a line."""
+        """Make a server; send: sends a message; tell: shows the pilot a line."""
         self._parameters = parameters
         self._send = send
         self._tell = tell
         self._listing: deque[str] = deque()  # names still to be sent
 
     def take(self, m: Message, now: float, *, disarmed: bool) -> ParameterChange | None:
-        """Answer a message of a ground station; return a change that was accepted."""
+        """Answer a ground station's message that arrived at now (s); return an accepted change."""
         kind = m.get_msgId()
         if kind == mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
             was_idle = not self._listing
@@ -77,7 +78,7 @@ class ParameterProtocol:
     def _set(self, m: Message, now: float, *, disarmed: bool) -> ParameterChange | None:
         name = m.param_id
         if name not in self._parameters.names:
-            if m.target_component:  # and not meant for whoever has it
+            if m.target_component:  # a request to all components is answered only if we have it
                 self._tell(f"no parameter {name}")
             return None
         change = None
@@ -88,7 +89,7 @@ class ParameterProtocol:
             log.info("%s (%s) is %g now", name, key, value)
         except ParameterRefused as e:
             self._tell(str(e))
-        self._send_value(name)  # the one in force: a refused value is thus taken back
+        self._send_value(name)  # the one in force, which also tells of a refusal
         return change
 
     def _send_value(self, name: str) -> None:
@@ -105,7 +106,7 @@ class ParameterProtocol:
 
 
 def _shortest(value: float) -> float:
-    """Return the shortest decimal with the same 32 bits: 0.2, and not 0.20000000298."""
+    """Return the shortest decimal that has the same 32-bit float: 0.2, not 0.20000000298."""
     for digits in range(1, 9):
         short = float(f"{value:.{digits}g}")
         if abs(short) < 3e38 and struct.pack("<f", short) == struct.pack("<f", value):

@@ -1,4 +1,4 @@
-"""Texts for commands that the autopilot refuses; each is told once."""
+"""Texts for the pilot on commands that the autopilot refuses; each is shown once."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -18,17 +18,17 @@ _RESULTS = {
 
 
 class Refusals:
-    """Remembers the commands that were refused, and how."""
+    """Remembers which refusals, by command and result, the pilot has been told of."""
 
     def __init__(self) -> None:
         self._told: set[tuple[int, int]] = set()  # commands and results
 
     def restart(self) -> None:
-        """Tell all again: the link or the autopilot is new."""
+        """Tell the pilot of all refusals again: the link or the autopilot is new."""
         self._told.clear()
 
     def tell(self, command: int, result: int) -> str | None:
-        """Return what the pilot is to be told of a refusal (a MAV_RESULT); None: told before."""
+        """Return the text on a command's refusal (a MAV_RESULT); None: the pilot was told."""
         if (command, result) in self._told:
             return None
         self._told.add((command, result))

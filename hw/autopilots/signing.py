@@ -1,7 +1,8 @@
 """Signatures of MAVLink 2 messages: https://mavlink.io/en/guide/message_signing.html.
 
-pymavlink signs what goes out; what comes in is checked here, because pymavlink notes the time stamp
-of a message before it checks the signature: one forged message shuts a sender out for ever.
+pymavlink signs the messages sent. Messages received are checked here, because pymavlink notes a
+message's time stamp before it checks the signature: one forged message with a time stamp far ahead
+would make it refuse all later messages of that sender.
 """
 
 import errno
@@ -18,38 +19,40 @@ from landerd.ports import DeviceLost
 
 log = logging.getLogger(__name__)
 
-LENGTH = 13  # of a signature: link, time stamp (6), hash (6)
+LENGTH = 13  # bytes of a signature: link (1), time stamp (6), hash (6)
 _EPOCH_S = 1_420_070_400  # 1 January 2015, UTC
 _TICKS_PER_S = 100_000
-_MOST_BEHIND = 60 * _TICKS_PER_S  # ticks: a new sender's stamp behind ours; pymavlink's number
-# The file is ahead of what was sent, so that it is right after a crash, and written in good time,
-# so that it is also after a loss of power with the last write not on the disk.
+# How far a new sender's time stamp may be behind ours, ticks; the figure is pymavlink's.
+_MOST_BEHIND = 60 * _TICKS_PER_S
+# The time stamp in the file is ahead of those sent by up to _AHEAD, so that after a crash no stamp
+# is used twice. It is written again with _REST left, so that this also holds after a loss of power
+# by which the last write did not reach the disk. Ticks.
 _AHEAD, _REST = 60 * _TICKS_PER_S, 30 * _TICKS_PER_S
-_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)  # no fault of the configuration
+_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)  # not due to the configuration
 
 
 class _Damaged(Exception):
-    """The file of the time stamp is there, but not what it held; one line."""
+    """The file of the time stamp exists but its content is lost; the text is one line."""
 
 
 class Signing:
-    """The key, and a time stamp that never goes back, not over a restart either."""
+    """Holds the key, and a time stamp that never goes back, not even across a restart."""
 
     def __init__(self, key_file: Path, time_file: Path) -> None:
-        """Read the key and the time stamp reached.
+        """Read the key and the last time stamp used.
 
         Args:
             key_file: 64 hexadecimal digits, or a pass phrase, whose SHA-256 is the key.
-            time_file: where the time stamp is kept; made if it is not there.
+            time_file: file in which the time stamp is kept; created if it is missing.
 
-        A file that was damaged waits for `open`.
+        A damaged time_file is dealt with by `open`.
 
         Raises:
-            ValueError: a file cannot be used or the key may be read by others; one line.
+            ValueError: a file cannot be used, or others may read the key; the text is one line.
         """
         self.key = _read_key(key_file)
         self._time_file = time_file
-        self._damage: str | None = None  # why the time stamp reached is not known
+        self._damage: str | None = None  # why the last time stamp used is not known
         self._last = max(_clock(), 0)
         try:
             self._last = max(self._last, _read_time(time_file))
@@ -59,22 +62,23 @@ class Signing:
         self._begin: tuple[float, int] | None = None  # loop time and time stamp then
         self._streams: dict[tuple[int, int, int], int] = {}  # newest stamp by link and sender
         self._saved = self._last
-        self._saving = threading.Lock()  # on a slow disk the next one comes before the last ends
+        self._saving = threading.Lock()  # on a slow disk one write may begin before another ends
         if self._damage is not None:
             return
         try:
             self._save_time()
         except OSError as e:
-            # What the disk does not take is tried again with the first message, and told then:
-            # meanwhile the clock and the peers' time stamps keep ours from going back.
+            # A failed write is tried again with the first message, and reported then. Until then
+            # the clock and the peers' time stamps keep ours from going back.
             if e.errno not in _DISK_ERRORS:
                 raise ValueError(f"{time_file}: cannot be written: {e.strerror}") from None
 
     def open(self) -> None:
-        """Make sure of the time stamp before anything is signed: the clock's for a lost one.
+        """Make sure of the time stamp before anything is signed; replace a lost one by the clock's.
 
         Raises:
-            DeviceLost: it is lost, and the clock is not set: it is behind its files' dates.
+            DeviceLost: the time stamp is lost and the clock is not set, as it is behind the dates
+                of the files.
         """
         if self._damage is None:
             return
@@ -98,9 +102,9 @@ class Signing:
         return self._last
 
     def accepts(self, frame: bytes, system: int, component: int) -> bool:
-        """Tell whether a frame with sound checksum is signed with the key, and is not a repetition.
+        """Tell whether a frame is signed with the key and is not a repetition.
 
-        Frames without signature are not accepted.
+        Its checksum has been verified. A frame without a signature is not accepted.
         """
         if not self.is_genuine(frame):
             return False
@@ -121,8 +125,8 @@ class Signing:
         return hmac.compare_digest(expected, frame[-6:])
 
     def _save_time_aside(self) -> None:
-        """Write it in a thread: a slow disk would hold up the set-points."""
-        self._saved = self._last + _AHEAD  # do not try at every message
+        """Write the time stamp in a thread: a slow disk would hold up the set-points."""
+        self._saved = self._last + _AHEAD  # also if it fails: not to be tried at each message
         threading.Thread(target=self._try_to_save, name="signing", daemon=True).start()
 
     def _try_to_save(self) -> None:
@@ -138,7 +142,7 @@ class Signing:
             with new.open("w", encoding="ascii") as file:
                 file.write(f"{saved}\n")
                 file.flush()
-                os.fsync(file.fileno())  # or a loss of power may leave an empty one in its place
+                os.fsync(file.fileno())  # else a loss of power may leave an empty file
             new.replace(self._time_file)
             self._saved = saved
 
@@ -162,16 +166,16 @@ def _read_key(path: Path) -> bytes:
 
 
 def _clock() -> int:
-    """Return the time stamp by the wall clock."""
+    """Return the time stamp of now by the wall clock, ticks."""
     return int((time.time() - _EPOCH_S) * _TICKS_PER_S)
 
 
 def _read_time(path: Path) -> int:
-    """Return the time stamp kept, 0 where there is none yet.
+    """Return the time stamp in a file, ticks; 0 if the file does not exist yet.
 
     Raises:
-        _Damaged: it is lost.
-        ValueError: the file is none, or another user's.
+        _Damaged: the time stamp is lost.
+        ValueError: the path is not a regular file, or it belongs to another user.
     """
     try:
         text = path.read_bytes().decode("ascii", "replace").strip()

@@ -11,7 +11,8 @@ log = logging.getLogger(__name__)
 
 # Asked of the autopilot, Hz.
 STREAMS_HZ = {
-    # The only message with armed and mode: at its usual 1 Hz three lost in a row make it stale.
+    # The only message that tells armed and mode: at its usual 1 Hz, three lost ones in a row would
+    # make it stale.
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: 4.0,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 50.0,

@@ -1,4 +1,4 @@
-"""ArduCopter's telemetry as the core's messages; impossible values are refused."""
+"""Turns ArduCopter's telemetry into the core's messages; impossible values are refused."""
 
 import math
 
@@ -16,11 +16,11 @@ from landerd.messages import (
     RcChannels,
 )
 
-# Beyond these a field is damaged, not flown.
+# Limits beyond which a field is damaged: no vehicle flies so far or so fast.
 FARTHEST_M = 1e5
 FASTEST_MPS = 100.0
 FASTEST_TURN_RADPS = 35.0
-_PULSE_US = (900, 2200)  # beyond these a pulse is no signal
+_PULSE_US = (900, 2200)  # least and greatest pulse width of an RC channel that has a signal
 _CHANNELS = 18
 
 
@@ -29,7 +29,7 @@ class BadMessage(Exception):
 
 
 def heartbeat(m: Message, t: float) -> Heartbeat:
-    """HEARTBEAT; other autopilots and vehicles have other modes and are refused."""
+    """Convert HEARTBEAT; refuse other autopilots and vehicle types, whose modes differ."""
     if m.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or m.type not in VEHICLE_TYPES:
         raise BadMessage("not ArduCopter")
     has_mode = m.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -42,7 +42,7 @@ def heartbeat(m: Message, t: float) -> Heartbeat:
 
 
 def attitude(m: Message, t: float) -> Attitude:
-    """ATTITUDE."""
+    """Convert ATTITUDE."""
     rates = (m.rollspeed, m.pitchspeed, m.yawspeed)
     if not (
         within(math.pi + 1e-3, m.roll, m.yaw)
@@ -54,7 +54,7 @@ def attitude(m: Message, t: float) -> Attitude:
 
 
 def local_position(m: Message, t: float) -> LocalPosition:
-    """LOCAL_POSITION_NED."""
+    """Convert LOCAL_POSITION_NED."""
     position, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
     if not (within(FARTHEST_M, *position) and within(FASTEST_MPS, *velocity)):
         raise BadMessage("bad position")
@@ -62,10 +62,10 @@ def local_position(m: Message, t: float) -> LocalPosition:
 
 
 def rc_channels(m: Message, t: float) -> RcChannels:
-    """RC_CHANNELS; a channel without a sound pulse reads 0.
+    """Convert RC_CHANNELS; a channel without a valid pulse reads 0.
 
-    Whatever chancount says: that is the receiver's, and channels beyond it that are overridden over
-    MAVLink carry pulses all the same.
+    `chancount` is ignored: it is the receiver's number of channels, but channels beyond it carry
+    pulses, too, when they are overridden over MAVLink.
     """
     raw = [getattr(m, f"chan{i}_raw") for i in range(1, _CHANNELS + 1)]
     low, high = _PULSE_US
@@ -73,7 +73,7 @@ def rc_channels(m: Message, t: float) -> RcChannels:
 
 
 def landed_state(m: Message, t: float) -> LandedState:
-    """EXTENDED_SYS_STATE."""
+    """Convert EXTENDED_SYS_STATE."""
     try:
         return LandedState(t, Landed(m.landed_state))
     except ValueError:
@@ -81,9 +81,10 @@ def landed_state(m: Message, t: float) -> LandedState:
 
 
 def battery(m: Message, t: float) -> Battery | None:
-    """BATTERY_STATUS of the first battery, None for others.
+    """Convert BATTERY_STATUS of the first battery; None for other batteries.
 
-    It has one entry a cell, or all in the first; 65535 is none.
+    Each entry of `voltages` is one cell's, or the first one is the whole battery's; 65535 means
+    that there is no cell.
     """
     if m.id != 0:
         return None
@@ -96,12 +97,12 @@ def battery(m: Message, t: float) -> Battery | None:
 
 
 def within(limit: float, *values: float) -> bool:
-    """Tell whether all values are finite and at most limit in size; NaN is not."""
+    """Tell whether the magnitude of every value is at most limit; that of NaN is not."""
     return all(-limit <= v <= limit for v in values)
 
 
 def gimbal_yaw_is_from_north(m: Message) -> bool:
-    """Tell of which yaw GIMBAL_DEVICE_ATTITUDE_STATUS speaks: from north, or from the airframe."""
+    """Tell whether GIMBAL_DEVICE_ATTITUDE_STATUS has yaw from north, not from the airframe."""
     if m.flags & mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME:
         return True
     is_vehicles = m.flags & mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME

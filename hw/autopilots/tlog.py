@@ -1,4 +1,4 @@
-"""A link's bytes as a .tlog."""
+"""Writes a link's bytes as a telemetry log (.tlog)."""
 
 import struct
 
@@ -6,12 +6,12 @@ from hw.autopilots.mavlink_codec import MavlinkCodec
 
 
 class TlogEncoder:
-    """Telemetry log as ground stations write it: each frame behind its Unix time in us."""
+    """Encodes a telemetry log as ground stations do: Unix time in us, then the frame."""
 
     def __init__(self) -> None:
         self._codecs = {outgoing: MavlinkCodec(0, 0) for outgoing in (False, True)}
 
     def encode(self, epoch_us: int, data: bytes, *, outgoing: bool) -> bytes:
-        """Return the frames that these bytes complete; damaged ones are left out."""
+        """Return the log entries of the frames that these bytes complete, without damaged ones."""
         messages = self._codecs[outgoing].decode(data)
         return b"".join(struct.pack(">Q", epoch_us) + bytes(m.get_msgbuf()) for m in messages)

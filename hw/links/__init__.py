@@ -20,10 +20,10 @@ def open_link(url: str, is_peer: Callable[[bytes], bool] | None = None) -> ByteL
 
     Args:
         url: one of the forms above.
-        is_peer: who is listened to by `udpin`; see UdpLink.
+        is_peer: tells for `udpin` whether a datagram is the peer's; see UdpLink.
 
-    `udpin` and `tcpin` listen, `udpout` and `tcp` call. Hosts are best given as numbers: a name
-    is looked up in a thread of the event loop's.
+    `udpin` and `tcpin` listen, `udpout` and `tcp` call. Hosts are best given as numbers: the event
+    loop looks a name up in a thread of its own.
 
     Raises:
         ValueError: the URL is not one of these; the text is one line.

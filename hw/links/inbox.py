@@ -4,8 +4,8 @@ import asyncio
 
 from landerd.ports import DeviceLost
 
-# A reader that has stopped must not fill the memory: what comes on top of this is lost, as in a
-# serial port's buffer.
+# Most bytes kept, so that a reader that has stopped does not fill the memory: further ones are
+# lost, as in a serial port's buffer.
 _CAPACITY = 1 << 16  # bytes
 
 

@@ -12,20 +12,21 @@ from landerd.ports import DeviceLost
 Tap = Callable[[float, bytes], None]
 
 BITS_A_BYTE = 10  # start bit, eight of data, stop bit
-# What waits to be sent on a wire, as in Linux's serial driver: more is lost. A flood of 150 kB was
-# kept for half a minute, and all that came after it was as late.
+# Most bytes that wait to be sent on a wire, as in Linux's serial driver: further ones are lost.
+# Without the limit a flood of 150 kB was queued for half a minute, and everything after it was as
+# late.
 BUFFER_BYTES = 4096
 
 
 @dataclass
 class LinkFaults:
-    """What happens to the bytes that one end writes. May be changed at any time."""
+    """Faults of the bytes that one end writes; they may be changed at any time."""
 
     drop: float = 0.0  # probability that a write is lost
     corrupt: float = 0.0  # probability that a byte is changed
     delay_s: float = 0.0
-    jitter_s: float = 0.0  # the longest extra delay of a write, drawn evenly
-    # Bits a second on the wire, ten a byte; no more than BUFFER_BYTES wait. None: no time at all.
+    jitter_s: float = 0.0  # longest extra delay of a write; uniformly distributed
+    # Bits per second, ten per byte; at most BUFFER_BYTES wait. None: bytes take no time.
     baud: float | None = None
     double: float = 0.0  # probability that a write arrives twice
     rng: Random = field(default_factory=lambda: Random(0))
@@ -35,9 +36,9 @@ class MemoryLink:
     """One end of a pair; a ByteLink.
 
     Attributes:
-        faults: what happens to the bytes written at this end.
+        faults: faults of the bytes written at this end.
         tap: called with (loop time in s, bytes) for each write, before any fault.
-        heard: called likewise for what arrives at this end.
+        heard: called with the same for bytes that arrive at this end.
     """
 
     def __init__(self) -> None:
@@ -46,7 +47,7 @@ class MemoryLink:
         self.heard: Tap | None = None
         self._peer: MemoryLink = self
         self._inbox = Inbox()
-        self._under_way: deque[tuple[float, bytes]] = deque()  # arrival, what
+        self._under_way: deque[tuple[float, bytes]] = deque()  # time of arrival (s), bytes
         self._wire_free_t = 0.0  # when the last byte written will have left, s
         self._cut = False
         self._is_open = False
@@ -92,7 +93,7 @@ class MemoryLink:
             self._peer._deliver(data)
 
     def _is_full(self, now: float, size: int) -> bool:
-        """Tell whether so many bytes more find no room to wait in."""
+        """Tell whether the transmit buffer has no room for this many more bytes."""
         baud = self.faults.baud
         if baud is None:
             return False
@@ -100,7 +101,7 @@ class MemoryLink:
         return waiting > 0.0 and waiting + size > BUFFER_BYTES
 
     def _delay(self, now: float, size: int) -> float:
-        """Return how long a write of so many bytes takes to the other end, s."""
+        """Return the time that a write of this many bytes takes to the other end, s."""
         faults = self.faults
         delay = faults.delay_s
         if faults.jitter_s > 0.0:
@@ -111,11 +112,11 @@ class MemoryLink:
         return delay
 
     def _send_off(self, arrival: float, data: bytes) -> None:
-        """Let bytes arrive, never before those that were written before them."""
+        """Schedule the arrival of bytes, never before that of bytes written earlier."""
         if self._under_way:
             arrival = max(arrival, self._under_way[-1][0])
         self._under_way.append((arrival, data))
-        # Timers of one time run in any order: each takes what was written first.
+        # Timers set for the same time run in any order, so each delivers the oldest bytes.
         asyncio.get_running_loop().call_at(arrival, self._arrive)
 
     def _arrive(self) -> None:

@@ -1,4 +1,4 @@
-"""Why a connection fails, in words."""
+"""Texts for the user on why a connection failed."""
 
 import os
 import re
@@ -6,12 +6,12 @@ import socket
 
 
 def in_words(e: OSError) -> str:
-    """Return the system's own reason, without the numbers and calls of asyncio's texts."""
+    """Return the operating system's reason, without the error numbers of asyncio's texts."""
     if isinstance(e, socket.gaierror):
         return e.strerror or "this name is not known"
     number = e.errno
-    if number is None and isinstance(e, TimeoutError):  # our own limit's
+    if number is None and isinstance(e, TimeoutError):  # by our own time limit
         return "no answer"
     if number is None and (found := re.search(r"\[Errno (\d+)\]", str(e))):
-        number = int(found[1])  # of several addresses that were tried, the first one's
+        number = int(found[1])  # if several addresses were tried, that of the first
     return str(e) if number is None else os.strerror(number)

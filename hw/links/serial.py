@@ -16,16 +16,16 @@ from hw.links.reasons import in_words
 from landerd.ports import DeviceLost
 
 _READ_SIZE = 4096
-# At 57600 baud this much takes 0.7 s to send; nothing older is worth sending.
+# Most bytes that wait to be sent. At 57600 baud they take 0.7 s; older ones are of no use.
 _UNSENT_LIMIT = 4096
-_DRAIN_S = 0.1  # that what was written last has to go out on closing
+_DRAIN_S = 0.1  # longest wait on closing for the last bytes to be sent
 _POLL_S = 0.002
 _REASONS = {
     errno.ENOENT: "is not there",
     errno.ENXIO: "is not there",
     errno.ENODEV: "is not there",
     errno.EACCES: "may not be opened: is the user in group dialout?",
-    errno.EAGAIN: "is used by another program",  # pyserial's lock
+    errno.EAGAIN: "is used by another program",  # another holds pyserial's lock
     errno.EBUSY: "is used by another program",
 }
 
@@ -47,9 +47,9 @@ class SerialLink:
 
         def work() -> None:
             try:
-                # pyserial opens without waiting for modem lines and sets any baud rate. With a time
-                # between bytes it sets VMIN 1, and reading nothing means that the device has gone;
-                # with VMIN 0 it may also be that another program has read what was there.
+                # pyserial opens without waiting for modem lines and sets any baud rate. Given an
+                # inter-byte timeout, it sets VMIN 1: then an empty read means that the device is
+                # gone. With VMIN 0 it could also mean that another program has read the bytes.
                 port = serial.Serial(
                     self._path, self._baud, timeout=0, inter_byte_timeout=0, exclusive=True
                 )
@@ -71,7 +71,7 @@ class SerialLink:
         return await self._inbox.get()
 
     def write(self, data: bytes) -> None:
-        """Queue bytes; dropped when the port is gone or does not keep up."""
+        """Queue bytes; they are dropped if the port is gone or does not keep up."""
         if self._port is None or len(self._unsent) + len(data) > _UNSENT_LIMIT:
             return
         was_idle = not self._unsent
@@ -80,14 +80,14 @@ class SerialLink:
             self._send()
 
     async def close(self) -> None:
-        """Release the port; safe to call twice. What was written last has a moment to go out."""
+        """Release the port after the last bytes are sent, or _DRAIN_S; safe to call twice."""
         loop = asyncio.get_running_loop()
         end = loop.time() + _DRAIN_S
         try:
             with contextlib.suppress(OSError):
                 while (port := self._port) is not None and port.out_waiting and loop.time() < end:
                     await asyncio.sleep(_POLL_S)
-        finally:  # of the daemon that ends in this very moment, too
+        finally:  # also if the daemon ends while this waits
             closing = self._release("closed")
         while closing is not None and closing.is_alive() and loop.time() < end:
             await asyncio.sleep(_POLL_S)
@@ -123,7 +123,7 @@ class SerialLink:
             loop.remove_writer(fd)
 
     def _release(self, reason: str) -> threading.Thread | None:
-        """Let go of the port, and return the thread that closes it."""
+        """Give up the port, and return the thread that closes it; None: it was not open."""
         port, self._port = self._port, None
         closing = None
         if port is not None:
@@ -137,9 +137,9 @@ class SerialLink:
 
 
 def _close(port: serial.Serial) -> None:
-    """Close a port without waiting for bytes that the device did not take.
+    """Close a port, and discard bytes that the device has not taken.
 
-    The kernel waits 30 s for them, even at the end of a process.
+    Otherwise the kernel waits 30 s for them, even at the end of a process.
     """
     with contextlib.suppress(OSError, termios.error):
         termios.tcflush(port.fileno(), termios.TCOFLUSH)
@@ -147,9 +147,9 @@ def _close(port: serial.Serial) -> None:
 
 
 def _aside(work: Callable[[], None]) -> threading.Thread:
-    """Call it in a daemon thread: not even the end of the process waits for it.
+    """Call a function in a daemon thread, for which not even the end of the process waits.
 
-    A driver may hold up who closes a port, and who opens it in the meantime.
+    A driver may block the call that closes a port, and any that opens the port meanwhile.
     """
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
@@ -157,7 +157,7 @@ def _aside(work: Callable[[], None]) -> threading.Thread:
 
 
 def _reason(e: Exception) -> str:
-    if isinstance(e.__context__, termios.error):  # of pyserial, which keeps no number then
+    if isinstance(e.__context__, termios.error):  # for which pyserial gives no error number
         return "is no serial port"
     if not isinstance(e, OSError):
         return f"cannot be opened: {e}"

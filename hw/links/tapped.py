@@ -7,10 +7,10 @@ from landerd.ports import ByteLink
 
 
 class Tap(Protocol):
-    """Hears all bytes of a link; must not wait."""
+    """Is given all bytes of a link; must not block."""
 
     def __call__(self, now: float, data: bytes, *, outgoing: bool) -> None:
-        """Bytes passed, at this loop time in s."""
+        """Take bytes that passed at loop time now, s."""
 
 
 class TappedLink:

@@ -12,11 +12,13 @@ from landerd.ports import DeviceLost
 
 log = logging.getLogger(__name__)
 
-# A peer that takes nothing must neither fill the memory nor get stale set-points later.
+# Bytes waiting to be sent from which on new ones are dropped: a peer that reads nothing must
+# neither fill the memory nor get stale set-points later.
 _UNSENT_LIMIT = 1 << 13
-# The kernel gives up an unanswered connection after this; its own default is about 15 minutes.
+# Time after which the kernel gives up a connection whose peer acknowledges nothing; its own default
+# is about 15 minutes.
 _USER_TIMEOUT_MS = 5000
-# The kernel asks a peer that does not answer ever more rarely, and for two minutes.
+# Time limit for connecting. The kernel itself would try for two minutes, at ever longer intervals.
 _CONNECT_S = 2.0
 
 
@@ -24,12 +26,12 @@ class TcpLink:
     """One TCP connection as a ByteLink."""
 
     def __init__(self, host: str, port: int, *, listen: bool) -> None:
-        """With listen, bind host:port and take one caller until he is silent; else call."""
+        """With listen, bind host:port and serve one caller until it is silent; else connect."""
         self._host, self._port, self._listen = host, port, listen
         self._inbox = Inbox()
         self._server: asyncio.Server | None = None
         self._transport: asyncio.Transport | None = None
-        self._heard_t = -math.inf  # when its peer spoke last, s
+        self._heard_t = -math.inf  # when the peer last sent something, s
 
     async def open(self) -> None:
         """Connect, or start to listen. Raises DeviceLost."""
@@ -38,7 +40,7 @@ class TcpLink:
         loop = asyncio.get_running_loop()
         try:
             if self._listen:
-                # Cancelled while it begins to serve, it is kept by then and can be closed.
+                # Kept before it starts to serve, so that `close` finds it if this is cancelled.
                 self._server = await loop.create_server(
                     lambda: _Connection(self), self._host, self._port, start_serving=False
                 )
@@ -54,7 +56,7 @@ class TcpLink:
         return await self._inbox.get()
 
     def write(self, data: bytes) -> None:
-        """Queue bytes; dropped without a peer or while the peer takes nothing."""
+        """Queue bytes; they are dropped without a peer, or while the peer reads nothing."""
         transport = self._transport
         if transport is not None and transport.get_write_buffer_size() < _UNSENT_LIMIT:
             transport.write(data)

@@ -1,4 +1,4 @@
-"""MAVLink's two UDP roles: wait for a peer on a port, or speak first to a known one."""
+"""MAVLink's two UDP roles: wait on a port for a peer, or send first to a known address."""
 
 import asyncio
 import logging
@@ -12,11 +12,13 @@ from landerd.ports import DeviceLost
 
 log = logging.getLogger(__name__)
 
-SILENT_S = 3.0  # a peer silent for so long may come back from another address: a heartbeat's age
+# Silence after which the peer is accepted from another address, too; as long as a heartbeat is
+# valid.
+SILENT_S = 3.0
 
 
 class _Transport(Protocol):
-    """What is used of an asyncio.DatagramTransport, and of the buffer that it has besides."""
+    """The part of an asyncio.DatagramTransport that is used, with its write buffer's size."""
 
     def sendto(self, data: bytes, addr: Any = None, /) -> None: ...
     def get_write_buffer_size(self) -> int: ...
@@ -27,20 +29,20 @@ class UdpLink(asyncio.DatagramProtocol):
     """Datagrams as a ByteLink. There is no connection: a silent peer is not a lost link.
 
     Attributes:
-        strangers: datagrams of others than the peer, which were dropped.
+        strangers: number of datagrams from others than the peer, which were dropped.
     """
 
     def __init__(
         self, host: str, port: int, *, listen: bool, is_peer: Callable[[bytes], bool] | None = None
     ) -> None:
-        """With listen, bind host:port and wait for a peer; else speak to host:port.
+        """Make a link; `open` binds its socket.
 
         Args:
-            host: a name or number.
-            port: of it.
-            listen: see above.
-            is_peer: tells by a datagram that its sender is the peer, who is the only one listened
-                to until he has been silent for SILENT_S; None: whoever spoke last.
+            host: name or number of the host to bind to or to send to.
+            port: its port.
+            listen: bind host:port and wait for a peer; else send to host:port.
+            is_peer: tells by a datagram whether its sender is the peer. Others are ignored until
+                the peer has been silent for SILENT_S. None: the peer is whoever sent last.
         """
         self._address = (host, port)
         self._is_peer = is_peer
@@ -69,9 +71,9 @@ class UdpLink(asyncio.DatagramProtocol):
         return await self._inbox.get()
 
     def write(self, data: bytes) -> None:
-        """Send one datagram; dropped while a listening link has not heard its peer.
+        """Send one datagram; it is dropped while a listening link knows no peer.
 
-        And while the socket takes none: kept, it would go out when it is long out of date.
+        It is also dropped while the socket takes none: kept, it would be stale when it is sent.
         """
         if self._transport is None or (self._listen and self._peer is None):
             return
@@ -102,7 +104,7 @@ class UdpLink(asyncio.DatagramProtocol):
         self._inbox.put(data)
 
     def _accepts(self, data: bytes, addr: Any) -> bool:
-        """Tell whether a datagram is the peer's; keep who that is."""
+        """Tell whether a datagram is the peer's; note the peer's address."""
         now = asyncio.get_running_loop().time()
         if self._is_peer is not None and addr != self._peer:
             if now - self._heard_t <= SILENT_S or not self._is_peer(data):
@@ -112,4 +114,4 @@ class UdpLink(asyncio.DatagramProtocol):
         return True
 
     def error_received(self, exc: Exception) -> None:
-        """Ignore: a refused datagram says only that the peer is not there yet."""
+        """Ignore it: a refused datagram only shows that the peer is not there yet."""

@@ -1,1 +1,1 @@
-"""What runs the core: the daemon, clocks, the service, dry runs."""
+"""Code that runs the core: the daemon, the clocks, the systemd service, dry runs."""

@@ -1,8 +1,8 @@
-"""The clocks a simulation runs on: one that jumps to the next timer, the wall's, an autopilot's.
+"""Event loops for simulations, on three clocks: virtual time, the wall's clock, an autopilot's.
 
-The daemon reads time from its event loop only, so the very tasks that fly the aircraft run as
-fast as the machine allows and in the same order every time. Only in-memory links work on it:
-nothing outside the process can make an event.
+The daemon reads time from its event loop only. On virtual time, which jumps to the next timer, the
+tasks that fly the aircraft therefore run as fast as the machine allows, and in the same order every
+time. Only in-memory links work on it, as nothing outside the process can cause an event.
 """
 
 import asyncio
@@ -17,11 +17,11 @@ Arguments = TypeVarTuple("Arguments")
 
 
 class Deadlock(RuntimeError):
-    """No timer is set and no task can run: virtual time would stand still for ever."""
+    """No timer is set and no task can run: virtual time would never advance again."""
 
 
 class _JumpingSelector(selectors.BaseSelector):
-    """Instead of waiting for a file, moves the loop's time on by the wait asked for."""
+    """Advances the loop's time by the timeout asked for, instead of waiting for files."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -49,7 +49,7 @@ class _JumpingSelector(selectors.BaseSelector):
         self._inner.close()
 
 
-# Set in the context of tasks that run on the computer that `VirtualLoop.stall` holds up.
+# Set in the context of the simulated computer's tasks, which `VirtualLoop.stall` holds up.
 STALLS: ContextVar[bool] = ContextVar("STALLS", default=False)
 
 
@@ -61,7 +61,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         self._stalled_until = 0.0
         self._held_up: list[asyncio.Handle] = []
         super().__init__(self._jumping)
-        # Timers closer together than this run in one go; far below any period used here.
+        # Timers closer together than this run in one turn; it is far below any period used here.
         self._clock_resolution = 1e-9
 
     def time(self) -> float:
@@ -69,7 +69,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return self._jumping.now
 
     def stall(self, duration_s: float) -> None:
-        """Hold up every task whose context has STALLS set; the rest of the world goes on."""
+        """Hold up every task whose context has STALLS set; all others continue."""
         self._stalled_until = max(self._stalled_until, self.time() + duration_s)
         self.call_at(self._stalled_until, self._go_on)
 
@@ -79,7 +79,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         *args: *Arguments,
         context: Context | None = None,
     ) -> asyncio.Handle:
-        """Call back soon, a task that stalls when the stall is over."""
+        """Schedule a callback; one whose context has STALLS set runs after the stall."""
         if self._jumping.now < self._stalled_until:
             stalls = STALLS.get() if context is None else context.get(STALLS, False)
             if stalls:
@@ -91,7 +91,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def _go_on(self) -> None:
         # A timer may be early by the clock's resolution.
         if self._jumping.now < self._stalled_until - self._clock_resolution:
-            return  # it stalled again meanwhile
+            return  # another stall has begun meanwhile
         self._stalled_until = self._jumping.now
         held_up, self._held_up = self._held_up, []
         for handle in held_up:
@@ -100,7 +100,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
 
 
 class WallLoop(asyncio.SelectorEventLoop):
-    """Event loop on the wall's clock, counted from 0 s at its making as a simulation's is."""
+    """Event loop on the wall's clock, whose time starts at 0 s like that of a simulation."""
 
     def __init__(self) -> None:
         self._start = time.monotonic()
@@ -112,11 +112,11 @@ class WallLoop(asyncio.SelectorEventLoop):
 
 
 class _PacedSelector(selectors.DefaultSelector):
-    """Waits as long on the wall's clock as the loop's clock needs for the wait asked for."""
+    """Waits as long on the wall's clock as the loop's clock takes for the timeout asked for."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.rate = 1.0  # seconds of the loop's clock in one of the wall's
+        self.rate = 1.0  # seconds of the loop's clock per second of the wall's
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         if timeout is not None and timeout > 0.0:
@@ -124,38 +124,41 @@ class _PacedSelector(selectors.DefaultSelector):
         return super().select(timeout)
 
 
-_SHORTEST_WAIT_S = 2e-4  # while the clock stands still the loop does not spin
-_WINDOW_S = 0.5  # the least late of the times told within this long is believed; wall's clock
-_AHEAD_S = 0.25  # the loop's clock never runs farther ahead of the last time told than this
-_GONE_S = 2.0  # told nothing for this long on the wall's clock it goes on alone, at its pace
+_SHORTEST_WAIT_S = 2e-4  # so that the loop does not spin while its clock stands still
+_WINDOW_S = 0.5  # of the times reported in this window the least delayed is used; wall's clock
+_AHEAD_S = 0.25  # farthest that the loop's clock may run ahead of the last time reported
+_GONE_S = 2.0  # without reports for this long (wall's clock) it keeps its last rate
 _RATES = (0.02, 1000.0)
 
 
 class SlavedLoop(asyncio.SelectorEventLoop):
-    """Event loop on a clock kept elsewhere, say a simulated autopilot's, fast or slow.
+    """Event loop that follows another clock of any rate, say a simulated autopilot's.
 
-    It starts at 0 s on the wall's clock, and follows the other one from the first `place` on: it
-    is never behind what it was told, and never goes back, but runs slower where it is ahead.
+    It starts at 0 s on the wall's clock, and follows the other clock from the first `place` on. It
+    is never behind the last time reported and never goes back; when it is ahead it runs slower.
     """
 
     def __init__(self) -> None:
         self._paced = _PacedSelector()
         self._anchor_t, self._anchor_wall = 0.0, time.monotonic()
-        self._offset: float | None = None  # loop's clock minus the other one
+        self._offset: float | None = None  # the loop's clock minus the other one, s
         self._told_wall = 0.0
-        self._latest = float("inf")  # the time may not pass this
-        self._window_wall = 0.0  # when the window began
-        self._best: tuple[float, float, float] | None = None  # lead, wall, loop's time told
-        self._before = (0.0, 0.0)  # wall, loop's time told: the last window's
+        self._latest = float("inf")  # limit of the loop's time, s
+        self._window_wall = 0.0  # when the window began, wall's clock, s
+        # The least delayed report of this window: its lead over the loop's clock, the wall's time
+        # of its arrival, the loop's time that it corresponds to; s. Then the last two of the window
+        # before.
+        self._best: tuple[float, float, float] | None = None
+        self._before = (0.0, 0.0)
         super().__init__(self._paced)
 
     @property
     def rate(self) -> float:
-        """How many of its seconds pass in one of the wall's."""
+        """Seconds of its clock per second of the wall's."""
         return self._paced.rate
 
     def time(self) -> float:
-        """Return seconds since the loop was made, on the other clock's pace."""
+        """Return seconds since the loop was made, at the other clock's rate."""
         wall = time.monotonic()
         t = self._anchor_t + self.rate * (wall - self._anchor_wall)
         if t <= self._latest:
@@ -163,10 +166,10 @@ class SlavedLoop(asyncio.SelectorEventLoop):
         return self._latest + max(0.0, wall - self._told_wall - _GONE_S)
 
     def place(self, other_s: float) -> float:
-        """Say that the other clock shows this now, or showed it a moment ago.
+        """Report that the other clock shows this time (s) now, or showed it a moment ago.
 
         Returns:
-            The loop's time at which it shows that.
+            The loop's time that corresponds to it, s.
         """
         wall, now = time.monotonic(), self.time()
         if self._offset is None:
@@ -174,7 +177,7 @@ class SlavedLoop(asyncio.SelectorEventLoop):
             self._window_wall = wall
             self._before = (wall, now)
         told = other_s + self._offset
-        if told > now or now > self._latest:  # it is late, or stood still
+        if told > now or now > self._latest:  # the loop's clock is behind, or stood still
             now = max(told, now)
             self._anchor_t, self._anchor_wall = now, wall
         self._told_wall, self._latest = wall, max(now, told + _AHEAD_S)
@@ -185,11 +188,11 @@ class SlavedLoop(asyncio.SelectorEventLoop):
         return told
 
     def _steer(self, wall: float, now: float, told: float) -> None:
-        """Choose the rate that meets the other clock at the end of the next window."""
+        """Choose the rate at which the two clocks agree at the end of the next window."""
         assert self._best is not None
         _, best_wall, best_t = self._best
         before_wall, before_t = self._before
-        if best_wall - before_wall < 0.5 * _WINDOW_S:  # too near for a rate
+        if best_wall - before_wall < 0.5 * _WINDOW_S:  # too close together to find a rate
             best_wall, best_t = wall, told
         rate = max(0.0, best_t - before_t) / (best_wall - before_wall)
         meets = best_t + rate * (wall + _WINDOW_S - best_wall)
@@ -215,7 +218,7 @@ def run_virtual(main: Coroutine[Any, Any, T]) -> T:
     """Run a coroutine to its end on a fresh virtual clock, as asyncio.run does on the wall's.
 
     Raises:
-        Deadlock: nothing is left that could ever happen.
+        Deadlock: no timer is set and no task can run.
     """
     with asyncio.Runner(loop_factory=VirtualLoop) as runner:
         return runner.run(main)

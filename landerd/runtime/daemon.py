@@ -1,8 +1,9 @@
-"""The asyncio tasks that join camera, gimbal and autopilot with vision and the core.
+"""The asyncio tasks that connect camera, gimbal and autopilot with vision and the core.
 
-There are four tasks: one for each device, one for control. The control task never waits for vision:
-on the wall's clock a frame is searched in a worker thread (OpenCV releases the interpreter's lock);
-on a virtual clock inline, and the core gets the result after a modelled latency.
+There are four tasks: one for each device, one for control. The control task never waits for vision.
+On the wall's clock a worker thread searches the frames for the pad (OpenCV releases the
+interpreter's lock). On a virtual clock the camera's task searches them itself, and the core gets
+the result after a modelled latency.
 """
 
 import asyncio
@@ -56,15 +57,15 @@ log = logging.getLogger("landerd")
 
 HEARTBEAT_S = 1.0
 PLOT_S = 0.2
-HEALTH_PLOT_S = 1.0  # for slowly changing figures: a telemetry radio carries 5 kB/s
-FUTURE_S = 0.05  # a time stamp farther ahead than this is false
-OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not worth searching
-IDLE_S = 0.1  # between two checks whether pictures are needed again
+HEALTH_PLOT_S = 1.0  # period of slowly changing figures: a telemetry radio carries 5 kB/s
+FUTURE_S = 0.05  # a time stamp farther ahead of the loop's clock than this is false
+OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not searched: its sighting would be of no use
+IDLE_S = 0.1  # interval between two checks whether pictures are needed again
 LAST_ORDERS_S = 4.5  # longest that landerd takes to end: a wave-off (1 s), then stop orders (3 s)
-SEARCH_S = 1.0  # a search that takes longer hangs; its result would be too old to use
+SEARCH_S = 1.0  # a search that takes longer counts as hung; its result would be too old to use
 BACK_OFF_S = (0.1, 0.5)  # first and longest wait before a lost device is opened again
-ARRIVALS_HZ = 300.0  # no device sends more messages
-CATCH_UP_S = 3.0  # messages that are older are of no use any more
+ARRIVALS_HZ = 300.0  # upper bound of the messages that arrive from all devices
+CATCH_UP_S = 3.0  # messages older than this are of no use any more
 # Longest wait for a device to close, as a camera may hang; CLOSE_S and LAST_ORDERS_S together are
 # less than systemd waits (TimeoutStopSec).
 CLOSE_S = 1.0
@@ -72,11 +73,12 @@ CLOSE_S = 1.0
 
 @dataclass(frozen=True)
 class Devices:
-    """What the daemon drives.
+    """The devices that the daemon drives.
 
     Attributes:
-        strangers: counts of what came from others on the autopilot's UDP port, and was dropped
-            before its driver saw it: by kind, and heartbeats of other autopilots as "system N".
+        strangers: numbers of messages of others that arrived on the autopilot's UDP port and were
+            dropped before the driver got them, by kind; heartbeats of other autopilots count as
+            "system N".
     """
 
     camera: Camera
@@ -90,12 +92,12 @@ class CoreFailed(Exception):
 
 
 class Daemon:
-    """Runs until cancelled.
+    """Drives the devices by the core until cancelled.
 
     Attributes:
         lander: the core; a new one for each flight.
-        monitor: of what holds up the event loop.
-        faults: counts by kind of bad input, lost devices and failures.
+        monitor: detects what holds up the event loop.
+        faults: numbers of bad inputs, lost devices and failures, by kind.
     """
 
     def __init__(
@@ -115,13 +117,14 @@ class Daemon:
             config: the whole configuration.
             layout: the pad to land on.
             camera_model: intrinsics of the camera's images.
-            devices: opened and closed by the daemon.
-            vision_latency_s: None: frames are searched in a worker thread; else inline, and the
-                core gets the result after this time, s.
+            devices: the devices, which the daemon opens and closes.
+            vision_latency_s: None: frames are searched in a worker thread. Otherwise they are
+                searched in the camera's task, and the core gets the result after this time, s.
             detectors: the part of vision that looks at pixels; None: the real one.
-            observers: see everything.
+            observers: are told of every frame, input and command.
         """
-        # One processor core is for vision; OpenCV's own threads would take the control task's too.
+        # Vision is to use one processor core; OpenCV's own threads would also use the control
+        # task's.
         cv2.setNumThreads(1)
         self._config = config
         self._devices = devices
@@ -134,7 +137,7 @@ class Daemon:
         self._fault_log = FaultLog()
         self.faults = self._fault_log.counts
         self._frame_t = -math.inf
-        self._armed = True  # as far as is known: an unknown vehicle may be flying
+        self._armed = True  # before the first heartbeat, as the vehicle may be flying
         self._frozen = FrozenInput()
         self._is_measured = devices.gimbal.traits.feedback is Feedback.MEASURED
         self._guided = False  # armed and in GUIDED by the last heartbeat
@@ -147,7 +150,7 @@ class Daemon:
         self.lander = Lander(config, layout)
 
     def observe(self, observer: Observer) -> None:
-        """Show one more observer everything; call it before `run`."""
+        """Add an observer; call it before `run`."""
         self._observers = (*self._observers, observer)
 
     async def run(self) -> NoReturn:
@@ -178,12 +181,12 @@ class Daemon:
     async def shut_down(self) -> None:
         """Stop the vehicle if landerd flies it; then `run` may be cancelled.
 
-        Without this the autopilot would fly the last velocity on until its own timeout.
+        Without this the autopilot would keep flying the last velocity until its own timeout.
         """
         loop = asyncio.get_running_loop()
         self._take(Shutdown(loop.time()))
         end = loop.time() + LAST_ORDERS_S
-        await asyncio.sleep(2.0 / self._config.control.rate_hz)  # until the core has had its turn
+        await asyncio.sleep(2.0 / self._config.control.rate_hz)  # until the core has had a tick
         while self.lander.state is not State.SILENT and loop.time() < end:
             await asyncio.sleep(1.0 / self._config.control.rate_hz)
 
@@ -195,7 +198,7 @@ class Daemon:
         device: Camera | Gimbal | Autopilot,
         serve: Callable[[], Awaitable[NoReturn]],
     ) -> NoReturn:
-        """Keep a device open and served."""
+        """Open a device and receive from it, and do so again whenever it is lost."""
         wait = BACK_OFF_S[0]
         while True:
             try:
@@ -204,7 +207,7 @@ class Daemon:
                 await serve()
             except DeviceLost as e:
                 self._fault_log.lose(name, str(e))
-            except Exception as e:  # a driver's defect must not end the flight
+            except Exception as e:  # a defect of a driver must not end the flight
                 log.debug("%s", name, exc_info=e)
                 self._fault_log.lose(name, f"{type(e).__name__}: {e}")
             finally:
@@ -265,7 +268,7 @@ class Daemon:
                 sightings = await self._worker.run(search, SEARCH_S)
         except JobHangs:
             self._fault_log.add("search of an image hangs", f"given up after {SEARCH_S:g} s")
-        except Exception as e:  # a picture must not end the flight
+        except Exception as e:  # a defect of vision must not end the flight
             self._fault_log.add("image not searched", f"{type(e).__name__}: {e}")
         else:
             return prior, sightings
@@ -345,7 +348,7 @@ class Daemon:
         self._send(lambda: self._give(command))
 
     def _send(self, send: Callable[[], None]) -> None:
-        """Call a driver's method; if it raises, what was to be sent is lost and counted."""
+        """Call a driver's method that sends something; if it raises, count a fault."""
         try:
             send()
         except Exception as e:
@@ -376,7 +379,7 @@ class Daemon:
     # ---- bad input -----------------------------------------------------------------------------
 
     def _take_from(self, source: str, message: Input) -> None:
-        """Take a device's message unless a number or its time is impossible."""
+        """Give a device's message to the core unless a number or its time is impossible."""
         self._fault_log.find(source)
         now = asyncio.get_running_loop().time()
         if not _finite(message):
@@ -392,11 +395,11 @@ class Daemon:
 
     def _repeats(self, message: Input) -> bool:
         if isinstance(message, GimbalState) and not self._is_measured:
-            return False  # modelled and ordered angles may well stay the same
+            return False  # angles that are modelled or merely ordered may stay the same
         return self._frozen.repeats(message)
 
     def _watch_arming(self, heartbeat: Heartbeat) -> None:
-        """Begin each flight with a new core, so that its log alone replays."""
+        """Make a new core when the vehicle is armed: each flight's log then replays by itself."""
         self._guided = heartbeat.armed and heartbeat.guided
         if heartbeat.armed and not self._armed:
             self.lander = Lander(self.lander.config, self._layout)
@@ -437,10 +440,10 @@ class Daemon:
 
 
 async def _catch_up(gap_s: float) -> None:
-    """Let the device tasks take what has arrived while the loop was held up for gap_s.
+    """Let the device tasks take the messages that arrived while the loop was held up for gap_s.
 
-    Fresh data may be waiting: without it the core would find its own stale, and stop or climb. The
-    loop may take no more than one datagram of a link in each of its turns.
+    Without them the core would find its data stale, and stop or climb, though fresh data has
+    arrived. In each of its turns the loop may take only one datagram of a link.
     """
     for _ in range(math.ceil(min(gap_s, CATCH_UP_S) * ARRIVALS_HZ)):
         await asyncio.sleep(0.0)
@@ -452,7 +455,7 @@ def _tell_frame(frame: Frame, prior: Prior, sightings: Sightings, observer: Obse
 
 def _finite(message: Input) -> bool:
     """Tell whether every float of a flat message is finite."""
-    for name in message.__dataclass_fields__:  # dataclasses.fields takes as long as all else here
+    for name in message.__dataclass_fields__:  # dataclasses.fields would double the time
         value = getattr(message, name)
         for part in value if isinstance(value, tuple) else (value,):
             if isinstance(part, float) and not math.isfinite(part):

@@ -1,4 +1,4 @@
-"""Runs the core and vision over a recording; the orders go nowhere."""
+"""Runs the core and vision over a recording; the orders are not sent to any device."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ from landerd.runtime.observer import Observer
 from landerd.vision import Vision
 
 VISION_LATENCY_S = 0.1  # from exposure to the sighting, on a small board
-GATE_LOW_S = 1.0  # the pretended switch is low before it is high
+GATE_LOW_S = 1.0  # time for which the assumed pilot's switch is low before it is high
 HEARTBEAT_S, RC_S = 1.0, 0.05
 LOW_US, HIGH_US = 1100, 1900
 
@@ -32,10 +32,10 @@ Expose = Callable[[float], Frame | None]
 
 @dataclass
 class DryRunResult:
-    """What was ordered."""
+    """What the core ordered during the recording."""
 
     frames: int = 0
-    seen: int = 0  # frames with the pad in them
+    seen: int = 0  # number of frames in which the pad was found
     first_seen_t: float | None = None
     setpoints: int = 0
     steps: list[tuple[float, list[Command]]] = field(default_factory=list)
@@ -43,7 +43,7 @@ class DryRunResult:
 
 
 class DryRun:
-    """Feeds the core as a vehicle would that is armed, in GUIDED, and the pilot's switch high."""
+    """Feeds the core like a vehicle that is armed and in GUIDED, with the pilot's switch high."""
 
     def __init__(
         self,
@@ -63,10 +63,11 @@ class DryRun:
         """Run from start to end, s on the recording's clock.
 
         Args:
-            start: the first tick.
-            end: the last one.
-            measure: what the vehicle measured since it was asked last, up to a time, in order.
-            expose: the oldest picture exposed up to a time that was not given yet.
+            start: time of the first tick, s.
+            end: time of the last tick, s.
+            measure: returns the telemetry up to a time (s) that it has not returned yet, in order.
+            expose: returns the oldest picture exposed up to a time (s) that it has not returned
+                yet.
         """
         for observer in self._observers:
             observer.on_flight(self.lander)

@@ -45,11 +45,11 @@ class FrozenInput:
         """
         last, self._picture = self._picture, image.copy()
         if last is None or not np.array_equal(last[::SOME_ROWS], image[::SOME_ROWS]):
-            return False  # as a rule; to compare all of it takes as long as a copy
+            return False  # the usual case; comparing the whole picture takes as long as a copy
         if not np.array_equal(last, image):
             return False
-        # A level that nearly all pixels have is the median of some rows too, which is quick to
-        # find: what is left over is less than half of them.
+        # A level that nearly all pixels have is also the median of some of the rows, which is
+        # quick to compute: the other pixels are less than half of these rows.
         level = np.median(image[::SOME_ROWS])
         even = int(np.count_nonzero(image == level))
         return even < EVEN_SHARE * image.size

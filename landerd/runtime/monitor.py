@@ -16,7 +16,7 @@ GAP_S = 0.05  # a longer gap of the loop makes a set-point late (rule 3)
 LOG_EVERY_S = 1.0  # shortest time between two log lines on one place
 BUSY = "elsewhere, or the computer was busy"
 _LOOKS_S = 0.5 * GAP_S
-_ROOT = Path(__file__).resolve().parents[2]  # where landerd and hw are
+_ROOT = Path(__file__).resolve().parents[2]  # the folder that contains landerd and hw
 
 
 class LoopMonitor:
@@ -64,7 +64,7 @@ class LoopMonitor:
         return now - due
 
     def note(self, place: str, began: float, ended: float) -> None:
-        """Count a gap, from and to loop time (s), and log it now and again."""
+        """Count a gap between two loop times (s); log each place at most every LOG_EVERY_S."""
         self.gaps[place] += 1
         self.longest_s = max(self.longest_s, ended - began)
         self._told_t = ended
@@ -75,7 +75,7 @@ class LoopMonitor:
 
 
 class _Block:
-    """Times a block of code; made for every message, so it is no generator."""
+    """Times a block of code; a class, as a generator is slower and one is made per message."""
 
     __slots__ = ("_began", "_loop", "_note", "_place")
 

@@ -1,4 +1,4 @@
-"""The interface of those who watch the daemon: flight log, status page, simulator."""
+"""The interface of what watches the daemon: flight log, status page, simulator."""
 
 from typing import Protocol
 
@@ -7,7 +7,7 @@ from landerd.messages import Command, Frame, Input, Prior, Sightings
 
 
 class Observer(Protocol):
-    """Sees everything that happens and changes nothing, as the flight log does.
+    """Is told of everything that happens and changes nothing, as the flight log.
 
     A derived class overrides the methods that it needs; the others do nothing. (They return, since
     to mypy a protocol's empty methods would be abstract.)

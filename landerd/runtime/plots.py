@@ -1,15 +1,15 @@
-"""What the pilot may watch in the ground station's plots, by names of ten characters at most."""
+"""Figures for the ground station's plots, by names of at most ten characters."""
 
 import math
 
 from landerd.lander import Lander
 from landerd.messages import Phase
 
-PHASES = list(Phase)  # a phase is plotted as its place here
+PHASES = list(Phase)  # a phase is plotted as its index here
 
 
 def landing_figures(lander: Lander, now: float) -> dict[str, float]:
-    """Return the phase at now (s) and where the pad is, as far as that is known; m."""
+    """Return the phase at now (s) and, as far as it is known, where the pad is, m."""
     figures = {"phase": float(PHASES.index(lander.phase))}
     pad = lander.relative_state(now)
     if pad is not None:
@@ -18,7 +18,7 @@ def landing_figures(lander: Lander, now: float) -> dict[str, float]:
 
 
 def health_figures(lander: Lander) -> dict[str, float]:
-    """Return how well sight and telemetry fit; nothing while nothing is seen."""
+    """Return how well sightings and telemetry agree; nothing while the pad is not seen."""
     health, sensors = lander.health, lander.sensor_errors
     if health is None:
         return {}

@@ -7,7 +7,7 @@ import socket
 from landerd.messages import Command, Input, PhaseChange, Tick
 from landerd.runtime.observer import Observer
 
-ALIVE_EVERY_S = 0.5  # well inside the unit's WatchdogSec
+ALIVE_EVERY_S = 0.5  # interval of the watchdog's messages, well below the unit's WatchdogSec
 
 
 def notify(text: str) -> None:
@@ -22,18 +22,18 @@ def notify(text: str) -> None:
 
 
 class JournalFormatter(logging.Formatter):
-    """Lines with the priority that journald reads off their start (sd-daemon(3))."""
+    """Formats log lines with a leading priority, as journald reads them (sd-daemon(3))."""
 
     _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4))
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line, or each of its lines, as "<4>text"."""
+        """Return the record's text, each line of it as "<4>text"."""
         level = next((p for limit, p in self._PRIORITIES if record.levelno >= limit), 6)
         return "\n".join(f"<{level}>{line}" for line in super().format(record).splitlines())
 
 
 def log_to_stderr() -> None:
-    """Log from INFO on: with priorities to the journal, with the level's name elsewhere."""
+    """Log to stderr from INFO on: with priorities if it is the journal, else with level names."""
     handler = logging.StreamHandler()
     if os.environ.get("JOURNAL_STREAM"):
         handler.setFormatter(JournalFormatter())
@@ -43,16 +43,16 @@ def log_to_stderr() -> None:
 
 
 class ServiceNotifier(Observer):
-    """Feeds systemd's watchdog from the control task, so that it fires when that hangs.
+    """Feeds systemd's watchdog from the control task, so that it fires if that task hangs.
 
-    Frames do not matter here: a daemon without a camera is alive.
+    Frames do not count: a daemon without a camera is alive.
     """
 
     def __init__(self) -> None:
         self._fed_t: float | None = None
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """Pass changes of phase on, and feed the watchdog with ticks."""
+        """Report changes of phase to systemd, and feed the watchdog at ticks."""
         for command in commands:
             if isinstance(command, PhaseChange):
                 notify(f"STATUS={command.phase.value}: {command.reason}")
@@ -63,7 +63,7 @@ class ServiceNotifier(Observer):
         self._feed(now)
 
     def on_last_orders(self, now: float) -> None:
-        """Feed the watchdog: it would cut the stop orders short."""
+        """Feed the watchdog, which otherwise would cut the stop orders short."""
         self._feed(now)
 
     def _feed(self, now: float) -> None:
