@@ -81,7 +81,7 @@ class GstreamerCamera:
                 f"video/x-raw,format=GRAY8,{size} ! "
                 "appsink name=out max-buffers=1 drop=true sync=false emit-signals=true"
             )
-        except Exception as e:  # GLib.Error, which only the binding knows
+        except Exception as e:  # GLib.Error, a class of the imported binding
             raise DeviceLost(f"camera (gstreamer): {e}") from None
         self._pipeline.get_by_name("out").connect("new-sample", self._on_sample)
         bus = self._pipeline.get_bus()
@@ -93,7 +93,7 @@ class GstreamerCamera:
             raise DeviceLost("camera (gstreamer) does not start: is it plugged in and free?")
 
     def _on_error(self, _: Any, message: Any) -> None:
-        """Take the end of the stream, on a thread of GStreamer's."""
+        """Take an error of the pipeline as the loss of the camera, on a thread of GStreamer's."""
         if self._newest is not None:
             self._newest.lose(message.parse_error()[0].message)
 

@@ -1,4 +1,4 @@
-"""The newest picture of a source that calls from a thread of its own."""
+"""The newest picture of a camera library that delivers pictures on a thread of its own."""
 
 import asyncio
 import math
@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 from landerd.messages import Frame
 from landerd.ports import DeviceLost
 
-# So long without a picture the camera counts as lost; before the first one the source starts.
+# Time without a picture after which the camera counts as lost: before the first one, while the
+# source starts, and later.
 _FIRST_FRAME_S, _STALL_S = 8.0, 1.0
 
 
 def unknown_exposure_sigma(fps: float) -> float:
-    """Return how far the middle of an exposure is off that is taken for its end or start, s.
+    """Return the standard error of an exposure's middle of which only the end or start is known, s.
 
-    The middle lies within half a period of the pictures from there, evenly spread: this is the root
-    mean square.
+    The middle is within half a picture period of it, uniformly distributed; this is the root mean
+    square.
     """
     return 0.5 / fps / math.sqrt(3.0)
 
@@ -27,11 +28,11 @@ class NewestFrame:
     """Holds one frame; `put` may be called from any thread."""
 
     def __init__(self, name: str, clock: Callable[[], float]) -> None:
-        """Make it on the running loop.
+        """Make one for the running event loop.
 
         Args:
-            name: of the camera, for what is said when it is lost.
-            clock: that exposures are stamped with, s.
+            name: name of the camera, for the text of DeviceLost.
+            clock: clock with which exposures are stamped, s.
         """
         self._name, self._clock = name, clock
         self._loop = asyncio.get_running_loop()
@@ -45,14 +46,14 @@ class NewestFrame:
         """Take a grey picture and the middle of its exposure on `clock`; any thread.
 
         Args:
-            image: (height, width).
-            exposed_t: on `clock`, s.
-            sigma_t: of that, s.
+            image: grey levels, (height, width).
+            exposed_t: middle of the exposure on `clock`, s.
+            sigma_t: standard deviation of exposed_t, s.
         """
         self._loop.call_soon_threadsafe(self._take, image, exposed_t, sigma_t)
 
     def lose(self, reason: str) -> None:
-        """Say that no more will come; any thread."""
+        """Make `get` raise DeviceLost with this reason; any thread."""
         self._loop.call_soon_threadsafe(self._end, reason)
 
     async def get(self) -> Frame:

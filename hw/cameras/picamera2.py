@@ -38,19 +38,19 @@ class Picamera2Camera:
         self._options = options
         self._camera: Any = None
         self._newest: NewestFrame | None = None
-        self._order: ExposureOrder | None = None  # the newest
+        self._order: ExposureOrder | None = None  # the newest order
 
     async def open(self) -> None:
         """Start the stream. Raises DeviceLost."""
         await self.close()
-        # libcamera stamps with the clock that also counts while the board sleeps.
+        # libcamera stamps with CLOCK_BOOTTIME, which also counts while the board is suspended.
         self._newest = NewestFrame(
             f"camera {self._options.number} (picamera2)",
             lambda: time.clock_gettime(time.CLOCK_BOOTTIME),
         )
         await in_thread(self._start, "camera")
         if self._order is not None:
-            self.expose(self._order)  # it was away, and begins as it was set up
+            self.expose(self._order)  # a reopened camera starts with its configured exposure
 
     async def newest(self) -> Frame:
         """Wait for a picture newer than the last and return the newest. Raises DeviceLost."""
@@ -59,7 +59,7 @@ class Picamera2Camera:
         return await self._newest.get()
 
     def expose(self, order: ExposureOrder) -> None:
-        """Expose so from the next pictures on; libcamera takes what is nearest."""
+        """Set exposure and gain for the next pictures; libcamera takes the nearest values."""
         self._order = order
         if self._camera is not None:
             self._camera.set_controls(
@@ -89,7 +89,7 @@ class Picamera2Camera:
         if o.gain is not None:
             controls["AnalogueGain"] = o.gain
         if o.focus_per_m is not None:
-            controls |= {"AfMode": 0, "LensPosition": o.focus_per_m}  # 0: by hand
+            controls |= {"AfMode": 0, "LensPosition": o.focus_per_m}  # 0: manual
         try:
             camera = Picamera2(o.number)
             self._camera = camera
@@ -113,7 +113,7 @@ class Picamera2Camera:
         newest, o = self._newest, self._options
         if newest is None:
             return
-        planes = request.make_array("main")  # brightness above colour
+        planes = request.make_array("main")  # rows of brightness, then rows of colour
         image = np.ascontiguousarray(planes[: o.height, : o.width])
         metadata = request.get_metadata()
         # On a Raspberry Pi the stamp (ns) is that of the first line's arrival, which is the end of
@@ -126,7 +126,7 @@ class Picamera2Camera:
 
 
 def _not_loaded(e: ImportError | ValueError) -> NotInstalled:
-    """Return why picamera2 cannot be imported, and what mends it."""
+    """Return the reason why picamera2 cannot be imported, and the remedy."""
     if isinstance(e, ValueError):
         # "numpy.dtype size changed": picamera2 imports simplejpeg, which Debian 12 builds for
         # numpy 1: raspberrypi/picamera2 issue 1211. pip would be content with that one.
@@ -136,6 +136,6 @@ def _not_loaded(e: ImportError | ValueError) -> NotInstalled:
             " 'simplejpeg>=1.8.1'",
         )
     what = "camera (picamera2) needs the system's python3-picamera2"
-    if e.name != "picamera2":  # it is there, and lacks something itself
+    if e.name != "picamera2":  # it is installed, but one of its own imports is missing
         what += f", which says: {e}"
     return NotInstalled(what, "sudo apt install python3-picamera2")

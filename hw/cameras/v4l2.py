@@ -1,8 +1,9 @@
-"""USB and other V4L2 cameras: always the newest picture, with the time it was exposed.
+"""USB and other V4L2 cameras: always the newest picture, with the time of its exposure.
 
-The driver's queue is emptied whenever a picture arrives, whether anybody waits for one or not: a
-full queue drops the new pictures and keeps the old. One buffer, the newest, is held back until it
-is asked for or replaced. If the loop came so late that the queue was full, all of it is dropped.
+The kernel's queue is emptied whenever a picture arrives, even if nobody waits for one, because a
+full queue drops new pictures and keeps old ones. The newest buffer is kept until its picture is
+asked for or a newer one arrives. If the event loop was so late that the queue was full, all its
+pictures are dropped, as newer ones have been lost.
 """
 
 import asyncio
@@ -42,14 +43,14 @@ from landerd.worker import JobHangs, Worker, in_thread
 
 log = logging.getLogger(__name__)
 
-FORMATS = ("GREY", "NV12", "YUYV", "MJPG")  # the less work and delay the earlier
-_BUFFERS = 4  # one held, one being filled, two for a loop that is late
-_FIRST_FRAME_S = 4.0  # USB cameras take their time to start
+FORMATS = ("GREY", "NV12", "YUYV", "MJPG")  # by increasing work and delay of decoding
+_BUFFERS = 4  # one kept, one being filled, two in reserve for a late event loop
+_FIRST_FRAME_S = 4.0  # longest wait for the first picture: USB cameras start slowly
 _STALL_S = 1.0
-_EMPTY_WAKE_UPS = 100  # readable without a picture this often in a row: an error state
+_EMPTY_WAKE_UPS = 100  # the node readable this often in a row without a picture is an error state
 
 _FOCUS, _FOCUS_AUTO = 0x009A090A, 0x009A090C  # linux/v4l2-controls.h
-_AUTOMATIC_EXPOSURES = (3, 0)  # aperture priority is what UVC cameras have
+_AUTOMATIC_EXPOSURES = (3, 0)  # aperture priority, which UVC cameras have, and automatic
 
 _REASONS = {
     errno.ENOENT: "is not there",
@@ -86,7 +87,7 @@ def _close_opened(opening: asyncio.Future[VideoNode]) -> None:
 
 async def _release(node: VideoNode, ordering: asyncio.Task[None] | None) -> None:
     if ordering is not None:
-        await ordering  # it uses the node
+        await ordering  # it uses the node, which therefore must not be closed before
     await in_thread(node.close, "camera")
 
 
@@ -94,18 +95,18 @@ class V4l2Camera:
     """A V4L2 camera; a Camera.
 
     Attributes:
-        counters: damaged, unreadable and outdated pictures.
-        remarks: what the camera does not do as it was asked; written by `open`.
+        counters: numbers of damaged, unreadable and outdated pictures.
+        remarks: settings that the camera did not take as configured; written by `open`.
     """
 
     def __init__(
         self, *, options: V4l2Options, node: Callable[[str], VideoNode] = VideoNode
     ) -> None:
-        """Make it; the device is opened by `open`.
+        """Make a driver; `open` opens the device.
 
         Args:
-            options: its block of the configuration.
-            node: opens a video node.
+            options: the camera's block of the configuration.
+            node: function that opens a video node.
         """
         self.counters: Counter[str] = Counter()
         self.remarks: list[str] = []
@@ -122,7 +123,7 @@ class V4l2Camera:
         self._buffers = 0
         self._was_full = False
         self._decoder = Worker("camera")
-        self._order: ExposureOrder | None = None  # the newest
+        self._order: ExposureOrder | None = None  # the newest order
         self._is_new_order = False
         self._ordering: asyncio.Task[None] | None = None
         self._releasing: asyncio.Task[None] | None = None
@@ -135,13 +136,13 @@ class V4l2Camera:
         self._lost, self._has_sent, self._empty_wake_ups = None, False, 0
         self._was_full = False
         self._arrived.clear()
-        # Control transfers over USB take tens of milliseconds each.
+        # In a thread, as each control transfer over USB takes tens of milliseconds.
         unwanted = threading.Event()
         opening = in_thread(lambda: self._set_up_for(unwanted), "camera")
         try:
             self._node = await asyncio.shield(opening)
         except asyncio.CancelledError:
-            # The thread goes on, and nobody has the node: who is done last closes it.
+            # Cancelled: the thread cannot be stopped, and closes the node when it has set it up.
             unwanted.set()
             opening.add_done_callback(_close_opened)
             raise
@@ -149,10 +150,10 @@ class V4l2Camera:
             log.warning("camera %s: %s", self._options.device, remark)
         asyncio.get_running_loop().add_reader(self._node.fileno(), self._drain)
         if self._order is not None:
-            self.expose(self._order)  # it was away, and begins as it was set up
+            self.expose(self._order)  # a reopened camera starts with its configured exposure
 
     async def close(self) -> None:
-        """Stop the stream; safe to call twice. Goes on by itself where nobody waits for it."""
+        """Stop the stream; safe to call twice. If cancelled, the node is closed all the same."""
         node, self._node = self._node, None
         ordering, self._ordering = self._ordering, None
         self._held = None
@@ -165,7 +166,7 @@ class V4l2Camera:
             await asyncio.shield(self._releasing)
 
     def _set_up_for(self, unwanted: threading.Event) -> VideoNode:
-        """Set up, unless nobody wants it any more when that is done."""
+        """Set a node up; close it if it is not wanted any more when that is done."""
         node = self._set_up()
         if unwanted.is_set():
             node.close()
@@ -239,7 +240,7 @@ class V4l2Camera:
             )
 
     def _set(self, node: VideoNode, name: str, control: int, wanted: int) -> int | None:
-        """Set a control; return what was read back, None if the camera has or allows none."""
+        """Set a control; return the value read back, None if the camera lacks or refuses it."""
         limits = node.range(control)
         if limits is None:
             self.remarks.append(f"{name}: it has no such control")
@@ -270,7 +271,7 @@ class V4l2Camera:
     # ---- exposure ----
 
     def expose(self, order: ExposureOrder) -> None:
-        """Expose so from the next pictures on; the newest order counts."""
+        """Set exposure and gain for the next pictures; a newer order replaces one not done yet."""
         self._order, self._is_new_order = order, True
         if self._node is not None and (self._ordering is None or self._ordering.done()):
             self._ordering = asyncio.get_running_loop().create_task(self._carry_out_orders())
@@ -280,7 +281,7 @@ class V4l2Camera:
         while self._is_new_order and self._order is not None and self._node is not None:
             self._is_new_order = False
             try:
-                # Control transfers over USB take tens of milliseconds each.
+                # In a thread, as each control transfer over USB takes tens of milliseconds.
                 call = partial(
                     carry_out, self._node, self._order, options.gain_most, 0.9 / options.fps
                 )
@@ -296,9 +297,10 @@ class V4l2Camera:
     async def newest(self) -> Frame:
         """Wait for a picture newer than the last and return the newest there is.
 
-        Its time is the middle of the exposure: the kernel's stamp half an exposure later if it
-        tells the start of the exposure, earlier if the end of the frame, plus
-        `time_offset_s`. How far that may be off goes with it. Raises DeviceLost.
+        Its time is the middle of the exposure plus `time_offset_s`. The middle is half an exposure
+        after the kernel's stamp if that is the start of the exposure, and half an exposure before
+        it if that is the end of the frame. The frame also has this time's standard deviation.
+        Raises DeviceLost.
         """
         loop = asyncio.get_running_loop()
         limit_s = _STALL_S if self._has_sent else _FIRST_FRAME_S
@@ -311,7 +313,7 @@ class V4l2Camera:
             except TimeoutError:
                 break
             if self._lost is None and self._node is not None:
-                self._take_all(self._node)  # what came since the loop last looked
+                self._take_all(self._node)  # pictures that arrived since the loop's last turn
             if self._lost is not None or self._node is None:
                 raise DeviceLost(self._lost or self._says("is closed"))
             if self._held is None:
@@ -331,7 +333,7 @@ class V4l2Camera:
         raise DeviceLost(self._says(came))
 
     def _drain(self) -> None:
-        """Take what has arrived; called whenever the node is readable."""
+        """Take the pictures that have arrived; called whenever the node is readable."""
         assert self._node is not None
         if self._take_all(self._node) == 0 and self._lost is None:
             self._empty_wake_ups += 1
@@ -340,7 +342,7 @@ class V4l2Camera:
 
     def _take_all(self, node: VideoNode) -> int:
         """Take all filled buffers, keep the newest sound one, and return how many there were."""
-        lent = self._buffers - (self._held is not None)  # what the kernel had to fill
+        lent = self._buffers - (self._held is not None)  # number of buffers the kernel had to fill
         count = 0
         try:
             while (filled := node.dequeue()) is not None:
@@ -352,8 +354,9 @@ class V4l2Camera:
                 self._let_go(node)
                 self._held = filled
                 self._arrived.set()
-            # With no buffer left to fill the kernel drops pictures: there were newer ones. Twice
-            # in a row the machine is too slow for the camera, and an old picture beats none.
+            # With no buffer left to fill the kernel has dropped newer pictures. If this happens
+            # twice in a row, the computer is too slow for the camera, and an old picture is better
+            # than none.
             is_full = count >= lent and not self._was_full
             if is_full:
                 self.counters["pictures that came too late"] += count
@@ -375,7 +378,7 @@ class V4l2Camera:
         try:
             self._node.queue(filled.buffer)
         except OSError as e:
-            self._lose(self._reason(e))  # after this picture, which is sound
+            self._lose(self._reason(e))  # the loss is reported after this picture, which is valid
 
     def _lose(self, reason: str) -> None:
         assert self._node is not None
@@ -388,7 +391,7 @@ class V4l2Camera:
         now = asyncio.get_running_loop().time()
         half_s = 0.5 * self._exposure_s
         if filled.stamp is Stamp.NONE:
-            age_s = half_s  # counted from when it is taken
+            age_s = half_s  # counted from the time at which the picture is dequeued
         elif filled.stamp is Stamp.END:
             age_s = node.now() - filled.t + half_s
         else:
@@ -396,19 +399,19 @@ class V4l2Camera:
         return now - age_s + self._options.time_offset_s
 
     def _time_sigma(self, stamp: Stamp) -> float:
-        """Return how far off the middle of the exposure may be as it is told, s."""
+        """Return the standard deviation of the middle of the exposure, s."""
         fps = self._options.fps
         exposure = 0.0 if self._exposure_s > 0.0 else unknown_exposure_sigma(fps)
-        # Without a stamp it is taken for exposed as it came: reading it out took up to a period.
+        # Without a stamp the time of arrival is used, which may be a period late: the read-out.
         return math.hypot(exposure, 1.0 / fps) if stamp is Stamp.NONE else exposure
 
     async def _grey(self, data: bytes) -> NDArray[np.uint8] | None:
         """Return the picture, (height, width); None if the bytes are not one."""
         name, width, height, stride = self._layout
         if name == "MJPG":
-            # OpenCV 4 decoded half a picture too, with a grey rest: the end marker (FF D9) after
-            # the last scan's start (FF DA) tells, whatever padding follows. A thumbnail in the
-            # header has both of its own.
+            # OpenCV 4 also decodes half a picture, and fills the rest with grey. A complete one has
+            # its end marker (FF D9) after the last start of a scan (FF DA), whatever padding
+            # follows; a thumbnail in the header has both markers, too.
             if data.rfind(b"\xff\xd9") <= data.rfind(b"\xff\xda"):
                 return None
             try:
@@ -445,7 +448,7 @@ def _decode_jpeg(data: bytes, shape: tuple[int, int]) -> NDArray[np.uint8] | Non
 
 
 def _best_format(modes: list[Mode], options: V4l2Options) -> str:
-    """Return the format of the size asked that is fast enough, the least work first."""
+    """Return the format with the least work that has the configured size and is fast enough."""
     known = {
         m.format: m.fps
         for m in modes
@@ -476,11 +479,11 @@ def cameras() -> list[tuple[str, str, list[Mode]]]:
         try:
             node = VideoNode(str(path))
         except OSError:
-            continue  # of another kind, or somebody else's
+            continue  # no capture device, or one that may not be opened
         try:
             found.append((str(path), node.name, node.modes()))
         except OSError:
-            continue  # gone in the meantime
+            continue  # it was unplugged meanwhile
         finally:
             node.close()
     return found

@@ -18,26 +18,26 @@ class Taken(NamedTuple):
     """The exposure and gain that a camera took after an order."""
 
     exposure_s: float
-    remark: str | None  # what it refused
+    remark: str | None  # text on the setting that it refused; None: it took both
 
 
 def carry_out(node: VideoNode, order: ExposureOrder, gain_most: float, longest_s: float) -> Taken:
-    """Set exposure and gain, both by hand; return what was taken.
+    """Set exposure and gain manually; return the values that the camera took.
 
-    The exposure is cut to whole units, and what that loses is made up by gain; a camera without
-    gain, or that refuses it, exposes longer instead. Blocks for some tens of milliseconds.
+    The exposure is rounded down to whole units, and the gain makes up for the difference. A camera
+    that has no gain, or refuses it, exposes longer instead. Blocks for some tens of milliseconds.
 
     Args:
         node: the camera.
-        order: what is wanted.
-        gain_most: how many times brighter the highest gain is than the lowest; the steps between
-            count as even in stops. Where they are not, the next pictures tell.
-        longest_s: exposure that the rate of the pictures leaves room for.
+        order: exposure and gain ordered.
+        gain_most: brightness at the highest gain divided by that at the lowest. The gain's steps
+            are assumed to be equal in stops; if they are not, the next pictures correct that.
+        longest_s: longest exposure that the picture rate allows, s.
 
     Raises:
-        OSError: as the kernel gives it.
+        OSError: the kernel reports an error.
     """
-    _range(node, EXPOSURE)  # a camera without is better left to its own automatic
+    _range(node, EXPOSURE)  # a camera that lacks this control keeps its automatic exposure
     if node.range(EXPOSURE_AUTO) is not None:
         _set(node, EXPOSURE_AUTO, MANUAL_EXPOSURE)
     if node.range(AUTOGAIN) is not None:
@@ -61,13 +61,13 @@ def carry_out(node: VideoNode, order: ExposureOrder, gain_most: float, longest_s
 
 
 def _expose(node: VideoNode, wanted_s: float) -> float:
-    """Set the exposure, cut to whole units; return what was taken, s."""
+    """Set the exposure, rounded down to whole units; return the exposure taken, s."""
     units = max(1, math.floor(wanted_s / EXPOSURE_UNIT_S + 1e-6))
     return EXPOSURE_UNIT_S * max(1, _set(node, EXPOSURE, units))
 
 
 def _set(node: VideoNode, control: int, value: int) -> int:
-    """Set a control as near as it goes; return what it is now."""
+    """Set a control to the nearest value allowed; return the value taken."""
     limits = _range(node, control)
     return node.set_control(control, min(max(value, limits.low), limits.high))
 

@@ -187,7 +187,7 @@ class Stamp(Enum):
 
     START = "start of exposure"
     END = "end of frame"
-    NONE = "nothing that is known"  # not of the monotonic clock
+    NONE = "nothing that is known"  # it is not a time of the monotonic clock
 
 
 class Mode(NamedTuple):
@@ -196,7 +196,7 @@ class Mode(NamedTuple):
     format: str  # four characters, as "YUYV"
     width: int
     height: int
-    fps: float  # the highest; 0: not told
+    fps: float  # highest picture rate, 1/s; 0: the driver does not tell
 
 
 class Layout(NamedTuple):
@@ -245,7 +245,7 @@ class VideoNode:
         self.name = capability.card.decode(errors="replace")
 
     def fileno(self) -> int:
-        """Return what becomes readable when a buffer is filled."""
+        """Return the file descriptor, which becomes readable when a buffer is filled."""
         return self._fd
 
     def now(self) -> float:
@@ -255,7 +255,7 @@ class VideoNode:
     # ---- what it can do ----
 
     def modes(self) -> list[Mode]:
-        """Return all modes; sizes that are not a list are left out."""
+        """Return all modes with discrete sizes; ranges of sizes are left out."""
         return [
             Mode(name, width, height, self._fps(name, width, height))
             for name in self._formats()
@@ -285,7 +285,7 @@ class VideoNode:
         return fastest
 
     def _answers(self, request: int, argument: ctypes.Structure) -> bool:
-        """Ask; False: there is no such entry, or the driver does not list."""
+        """Make an ioctl request; return False if there is no such entry or no enumeration."""
         try:
             fcntl.ioctl(self._fd, request, argument)
         except OSError as e:
@@ -365,11 +365,11 @@ class VideoNode:
         )
 
     def queue(self, index: int) -> None:
-        """Give a buffer back to the driver; what was in it is gone."""
+        """Give a buffer back to the driver, which may overwrite its picture."""
         fcntl.ioctl(self._fd, _QBUF, _Buffer(index=index, type=_CAPTURE, memory=_MMAP))
 
     def copy(self, filled: Filled) -> bytes:
-        """Return a copy of what is in a buffer that is not the driver's."""
+        """Return a copy of the bytes of a dequeued buffer."""
         return self._maps[filled.buffer][: filled.size]
 
     def close(self) -> None:

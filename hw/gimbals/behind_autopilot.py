@@ -1,4 +1,4 @@
-"""What gimbals driven by the autopilot have in common: orders and reports over its link.
+"""Base of the drivers for gimbals that the autopilot drives: orders and reports use its link.
 
 Pitch and roll are against the horizon, yaw against the airframe.
 """
@@ -19,7 +19,7 @@ from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import Feedback, GimbalTraits
 from landerd.section import Angle
 
-_MOST_REPORTS = 50  # kept; a reader that has stopped must not fill the memory
+_MOST_REPORTS = 50  # most reports kept, so that a stopped reader does not fill the memory
 
 
 class BehindAutopilotOptions(MountOptions):
@@ -34,19 +34,19 @@ class BehindAutopilotOptions(MountOptions):
 
     @property
     def traits(self) -> GimbalTraits:
-        """What there is to know of the gimbal."""
+        """The gimbal's properties that the core uses."""
         if self.feedback:
             return super().traits
         return replace(super().traits, feedback=Feedback.ORDERED, sigma=SERVO_SIGMA)
 
 
 class BehindAutopilotGimbal(ABC):
-    """A Gimbal; the messages to and from the autopilot are left to the derived drivers."""
+    """A Gimbal; derived drivers make and read the messages to and from the autopilot."""
 
     def __init__(
         self, options: BehindAutopilotOptions, autopilot: MavlinkAutopilot, report: int
     ) -> None:
-        """Report: id of the message with the angles."""
+        """Make a driver; report: id of the message that carries the angles."""
         self._options, self._autopilot = options, autopilot
         self._mounting = Mounting(options)
         self.traits = self._mounting.traits
@@ -56,11 +56,11 @@ class BehindAutopilotGimbal(ABC):
         autopilot.subscribe(report, options.rate_hz, self._take, self._counts)
 
     async def open(self) -> None:
-        """Begin anew."""
+        """Discard old reports."""
         self._states.clear()
 
     async def state(self) -> GimbalState:
-        """Wait for a report and return the oldest there is."""
+        """Wait for a report and return the oldest one not returned yet."""
         while not self._states:
             self._waiter = asyncio.get_running_loop().create_future()
             await self._waiter
@@ -76,19 +76,19 @@ class BehindAutopilotGimbal(ABC):
         self._order(*angles)
 
     async def close(self) -> None:
-        """Forget what was reported; the link is the autopilot's."""
+        """Discard the reports; the link stays open, as it is the autopilot's."""
         self._states.clear()
 
     @abstractmethod
     def _order(self, yaw: float, pitch: float) -> None:
-        """Send the device's angles, rad."""
+        """Order angles as the device counts them, rad."""
 
     @abstractmethod
     def _angles(self, m: Message) -> tuple[float, float, float] | None:
-        """Return the device's yaw, pitch and roll that a report tells, rad; None: not usable."""
+        """Return yaw, pitch and roll of a report as the device counts them, rad; None: unusable."""
 
     def _counts(self, m: Message) -> bool:
-        """Tell whether a report is of this gimbal."""
+        """Tell whether a report is from this gimbal."""
         return True
 
     def _take(self, m: Message, t: float) -> None:

@@ -1,4 +1,4 @@
-"""Request and response with a gimbal on a byte link that only answers requests."""
+"""Requests and answers of a gimbal that sends its angles on request only."""
 
 import asyncio
 import logging
@@ -10,13 +10,13 @@ from landerd.ports import ByteLink, DeviceLost
 
 log = logging.getLogger(__name__)
 
-SILENCE_S = 1.0  # longer than any pause of a healthy gimbal: then the link is opened anew
-PAUSE_S = 0.3  # shorter than any gimbal takes to restart
+SILENCE_S = 1.0  # longer than any pause of a healthy gimbal; after it the link is reopened
+PAUSE_S = 0.3  # shorter than any gimbal takes to restart; after it the gimbal is set up again
 _LOG_S = 1.0
 
 
 class Dialogue:
-    """Asks at a fixed rate and hands out the frames that come back."""
+    """Sends requests at a fixed rate and returns the frames received."""
 
     def __init__(
         self,
@@ -26,7 +26,7 @@ class Dialogue:
         ask: Callable[[], None],
         rate_hz: float,
     ) -> None:
-        """Ask: writes one request; called rate_hz times a second while `frame` is waited for."""
+        """Make one; ask: sends one request, called rate_hz times a second while `frame` waits."""
         self._who, self._link, self._scanner = who, link, scanner
         self._ask, self._period = ask, 1.0 / rate_hz
         self._frames: deque[tuple[float, bytes]] = deque()
@@ -66,10 +66,10 @@ class Dialogue:
         return self._frames.popleft()
 
     def answered(self, t: float) -> bool:
-        """Note that what came at this time was an answer.
+        """Note that a frame that arrived at time t (s) was an answer.
 
-        Returns True for the first one and after a pause: the gimbal may have been switched on or
-        have restarted, and is to be set up.
+        Returns True for the first answer and the first after a pause: the gimbal may have been
+        switched on or have restarted, and must be set up.
         """
         is_new = self._is_new or t - self._answered > PAUSE_S
         self._answered, self._is_new = t, False

@@ -19,7 +19,7 @@ class FixedOptions(Section):
 
     @property
     def traits(self) -> GimbalTraits:
-        """What there is to know of it: it reaches where it looks."""
+        """Its properties that the core uses: its limits are the direction in which it looks."""
         yaw, pitch = math.radians(self.yaw_deg), math.radians(self.pitch_deg)
         return GimbalTraits(Reference.BODY, Feedback.MEASURED, _RATE_HZ, (yaw, yaw), (pitch, pitch))
 

@@ -1,4 +1,4 @@
-"""Frames of bytes out of a stream: what every serial gimbal protocol needs."""
+"""Finds the frames in a stream of bytes, for the serial gimbal protocols."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -8,7 +8,7 @@ class FrameScanner:
     """Finds frames by their first byte, size and checksum; damaged ones are skipped byte by byte.
 
     Attributes:
-        counters: "garbled bytes" that belong to no good frame.
+        counters: "garbled bytes": number of bytes that belong to no valid frame.
     """
 
     def __init__(
@@ -18,13 +18,13 @@ class FrameScanner:
         size: Callable[[bytes], int | None],
         is_sound: Callable[[bytes], bool],
     ) -> None:
-        """Describe the frames.
+        """Make a scanner for frames of one protocol.
 
         Args:
-            starts: the bytes that a frame may begin with, any one of them.
-            header: how many bytes tell a frame's size.
-            size: the size of a whole frame from these bytes; None: no frame begins like this.
-            is_sound: whether a whole frame's checksum is right.
+            starts: the values that a frame's first byte may have.
+            header: number of bytes at its start from which a frame's size follows.
+            size: returns a whole frame's size from these bytes; None: no frame begins like this.
+            is_sound: tells whether a whole frame's checksum is right.
         """
         self.counters: Counter[str] = Counter()
         self._starts, self._header = starts, header
@@ -57,7 +57,7 @@ class FrameScanner:
         return frames
 
     def _seek(self) -> bool:
-        """Cut off all before the next start; False if there is none."""
+        """Drop all bytes before the next possible start; return False if there is none."""
         at = next((i for i, byte in enumerate(self._buffer) if byte in self._starts), None)
         self._skip(len(self._buffer) if at is None else at)
         return at is not None

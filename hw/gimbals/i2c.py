@@ -1,8 +1,7 @@
-"""Devices on an I2C bus that may hang, spoken to in a thread beside the event loop.
+"""Devices on an I2C bus that may hang: they are read and written in a thread.
 
-A device that holds the clock line down, or a loose wire, holds up a call to Linux for the adapter's
-time-out, usually a second, and again at each call. In the loop that would be a second without
-set-points.
+A device that holds the clock line down, or a loose wire, blocks each call to Linux for the
+adapter's time-out, usually a second. In the event loop that would be a second without set-points.
 """
 
 from collections.abc import Callable
@@ -14,11 +13,11 @@ from smbus2 import SMBus
 from landerd.ports import DeviceLost
 from landerd.worker import JobHangs, Worker
 
-DEADLINE_S = 0.2  # for one exchange: shorter than gimbal angles may be old (freshness.gimbal_s)
+DEADLINE_S = 0.2  # limit of one exchange, below the age limit of angles (freshness.gimbal_s)
 
 
 class Bus(Protocol):
-    """The part of an open bus (smbus2.SMBus) that all drivers use; each adds what it needs."""
+    """The part of an open bus (smbus2.SMBus) that all drivers use; each adds its own calls."""
 
     def close(self) -> None: ...  # noqa: D102
 
@@ -30,20 +29,20 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class I2c(Generic[B_co]):
-    """How a bus is reached."""
+    """How a bus is opened, and where its calls are made."""
 
     open_bus: Callable[[int], B_co]  # by its number. Raises OSError
-    in_thread: bool  # its calls may hang; else they are made in the loop, as on a virtual clock
+    in_thread: bool  # calls are made in a thread, as they may hang; else in the event loop
 
 
 KERNELS = I2c(SMBus, in_thread=True)
 
 
 class I2cDevice(Generic[B]):
-    """One device on a bus. A call that hangs is given up; until it returns the bus stays closed."""
+    """One device on a bus. A hanging call is abandoned; until it returns the bus stays closed."""
 
     def __init__(self, name: str, number: int, i2c: I2c[B]) -> None:
-        """Make it, not open. Name: for the pilot; number: of the bus."""
+        """Make a device, not open yet; name: as the pilot is told; number: of the bus."""
         self._name, self._number = f"{name} of /dev/i2c-{number}", number
         self._open_bus = i2c.open_bus
         self._worker = Worker("i2c") if i2c.in_thread else None
@@ -84,7 +83,7 @@ class I2cDevice(Generic[B]):
             raise DeviceLost(f"{self._name}: no answer for {DEADLINE_S:g} s") from None
 
     async def close(self) -> None:
-        """Let go of the bus; safe to call twice. An exchange that is under way ends first."""
+        """Release the bus, after an exchange under way; safe to call twice."""
         session, self._session = self._session, None
         if session is not None:
             session.give_up()
@@ -93,10 +92,10 @@ class I2cDevice(Generic[B]):
 
 
 class _Session(Generic[B]):
-    """An open bus, touched by the thread alone for as long as an exchange is under way.
+    """An open bus, used only by the thread while an exchange is under way.
 
     Attributes:
-        is_busy: it is; set by who asks for it.
+        is_busy: an exchange is under way; set by the caller that starts it.
     """
 
     def __init__(self, number: int, open_bus: Callable[[int], B]) -> None:
@@ -106,7 +105,7 @@ class _Session(Generic[B]):
         self.is_busy = False
 
     def do(self, exchange: Callable[[B], T]) -> T:
-        """Open the bus if it is not, and do something on it. Raises OSError."""
+        """Open the bus if it is closed, and run an exchange on it. Raises OSError."""
         try:
             if self._is_over:
                 raise OSError("given up before its turn came")
@@ -119,7 +118,7 @@ class _Session(Generic[B]):
                 self._close()
 
     def give_up(self) -> None:
-        """Close the bus, now or when the exchange under way has come back."""
+        """Close the bus, now or when the exchange under way returns."""
         self._is_over = True
         if not self.is_busy:
             self._close()

@@ -1,12 +1,12 @@
-"""An IMU on the camera of a servo gimbal: which way is down, over I2C.
+"""An IMU on the camera of a servo gimbal, which tells the direction of gravity; over I2C.
 
 Sources: InvenSense, "MPU-6000 and MPU-6050 Register Map and Descriptions", rev. 4.2 (WHO_AM_I,
 PWR_MGMT_1, CONFIG, GYRO_CONFIG, ACCEL_CONFIG, ACCEL_XOUT_H to GYRO_ZOUT_L); Bosch Sensortec,
 "BNO055 Intelligent 9-axis absolute orientation sensor", rev. 1.8 (CHIP_ID, OPR_MODE, UNIT_SEL,
-GRV_DATA). The BNO055 does its own fusion. For the MPU-6050 the gyroscope carries the direction
-along and the accelerometer pulls it back, as in Mahony, Hamel and Pflimlin, "Nonlinear
-Complementary Filters on the Special Orthogonal Group" (2008): slowly, because an accelerometer on
-an aircraft that speeds up shows the thrust and not the horizon.
+GRV_DATA). The BNO055 does its own sensor fusion. For the MPU-6050 the gyroscope propagates the
+direction and the accelerometer corrects it, as in Mahony, Hamel and Pflimlin, "Nonlinear
+Complementary Filters on the Special Orthogonal Group" (2008). The correction is slow, because an
+accelerometer on an accelerating aircraft shows the thrust, not gravity.
 """
 
 import asyncio
@@ -33,16 +33,16 @@ GYRO_UNIT = math.radians(1.0 / 65.5)  # rad/s at +-500 degrees/s
 CHIP_ID, GRV_DATA, UNIT_SEL, OPR_MODE = 0x00, 0x2E, 0x3B, 0x3D
 BNO_ID = 0xA0
 MODE_IMU = 0x08
-BNO_DATA = struct.Struct("<3h")  # away from the ground, 0.01 m/s^2
+BNO_DATA = struct.Struct("<3h")  # gravity vector, positive away from the ground, 0.01 m/s^2
 
 _G = 9.80665
-_STILL_SAMPLES = 25  # that tell the gyroscope's error when it begins
-_STILL_RADPS = math.radians(2.0)  # what shakes more is not still
+_STILL_SAMPLES = 25  # number of samples at the start that give the gyroscope's bias
+_STILL_RADPS = math.radians(2.0)  # largest difference of turn rates from their mean at rest
 _CORRECTION_S = 20.0  # time constant of the accelerometer's correction: 1 / k_P of the paper
 _BIAS_GAIN = 0.25 / _CORRECTION_S**2  # k_I of the paper, 1/s^2, for critical damping
-_GRAVITY_TOLERANCE = 0.1  # of g: farther from 1 g the accelerometer tells nothing of gravity
-_LONGEST_STEP_S = 0.2  # between two samples of one motion
-_STARTS_S = 1.0  # after it was set up a chip tells of gravity by then; later, it was reset
+_GRAVITY_TOLERANCE = 0.1  # share of g; a force farther from 1 g does not show gravity's direction
+_LONGEST_STEP_S = 0.2  # longest time between two samples over which turn rates are integrated
+_STARTS_S = 1.0  # time after set-up by which a chip shows gravity; zeros later mean it was reset
 
 Direction = Literal["x", "y", "z", "-x", "-y", "-z"]
 Kind = Literal["mpu6050", "bno055"]
@@ -76,7 +76,7 @@ AXES: dict[str, Vec3] = {
 
 
 class ReadableBus(Protocol):
-    """What is used of an I2C bus (smbus2.SMBus)."""
+    """The part of an I2C bus (smbus2.SMBus) that is used."""
 
     def read_byte_data(self, i2c_addr: int, register: int) -> int: ...  # noqa: D102
     def read_i2c_block_data(  # noqa: D102
@@ -89,8 +89,8 @@ class ReadableBus(Protocol):
 class Imu(ABC):
     """A sensor on the camera."""
 
-    latency_s: float  # of what it tells
-    _register: int  # of its data, and how they are packed
+    latency_s: float  # of its data
+    _register: int  # first register of its data; next, how the data are packed
     _data: struct.Struct
 
     def __init__(self, options: ImuOptions, address: int, i2c: I2c[ReadableBus]) -> None:
@@ -106,14 +106,14 @@ class Imu(ABC):
         self._set_up_t = asyncio.get_running_loop().time()
 
     async def pitch(self) -> float | None:
-        """Return the lens's angle above the horizon, rad; None: not yet. Raises DeviceLost.
+        """Return the lens's angle above the horizon, rad; None: not known yet. Raises DeviceLost.
 
-        Counted on beyond straight up and down: level to the rear is -pi.
+        Beyond straight down it decreases further: looking level to the rear is -pi.
         """
         data = await self._device.do(self._read)
         waited_s = asyncio.get_running_loop().time() - self._set_up_t
         if not any(data[:3]) and waited_s > _STARTS_S:
-            # Asleep after its supply broke down: opened again it is set up again.
+            # It sleeps after a brown-out of its supply: reopening sets it up again.
             raise DeviceLost(f"{self._name}: shows no gravity, it was reset")
         down = self._down(data)
         if down is None:
@@ -126,7 +126,7 @@ class Imu(ABC):
 
     @abstractmethod
     def _set_up(self, bus: ReadableBus) -> None:
-        """Make it measure. Raises OSError."""
+        """Configure the sensor to measure. Raises OSError."""
 
     @abstractmethod
     def _down(self, data: tuple[int, ...]) -> Vec3 | None:
@@ -137,7 +137,7 @@ class Imu(ABC):
         return self._data.unpack(bytes(found))
 
     def _expect(self, bus: ReadableBus, register: int, chip: int, name: str) -> None:
-        """See that the chip is what it should be. Raises OSError."""
+        """Raise OSError unless a register identifies the chip as the expected one."""
         found = bus.read_byte_data(self._address, register)
         if found != chip:
             raise OSError(f"found 0x{found:02x}, expected {name}")
@@ -149,28 +149,28 @@ class Imu(ABC):
 
 
 class Mpu6050(Imu):
-    """Accelerometer and gyroscope; the filter is here."""
+    """Accelerometer and gyroscope, with the complementary filter computed here."""
 
     latency_s = 0.005  # of its low-pass at 44 Hz
     _register, _data = ACCEL_XOUT_H, MPU_DATA
 
     def __init__(self, options: ImuOptions, i2c: I2c[ReadableBus]) -> None:
         super().__init__(options, 0x68, i2c)
-        self._bias: Vec3 = (0.0, 0.0, 0.0)  # of the gyroscope, rad/s
+        self._bias: Vec3 = (0.0, 0.0, 0.0)  # gyroscope's bias, rad/s
         self._knows_bias = False
         self._still: list[tuple[Vec3, Vec3]] = []
         self._direction: Vec3 | None = None
         self._t = 0.0
 
     async def open(self) -> None:
-        """Set the sensor up; it finds the horizon anew, once still. Raises DeviceLost."""
+        """Set the sensor up; it must find gravity's direction again. Raises DeviceLost."""
         self._still, self._direction = [], None
         await super().open()
 
     def _set_up(self, bus: ReadableBus) -> None:
         address = self._address
         self._expect(bus, WHO_AM_I, MPU_ID, "an MPU-6050")
-        bus.write_byte_data(address, PWR_MGMT_1, 0x01)  # awake, clock of the gyroscope
+        bus.write_byte_data(address, PWR_MGMT_1, 0x01)  # awake, clocked by the gyroscope
         bus.write_byte_data(address, CONFIG, 0x03)  # low-pass 44 Hz
         bus.write_byte_data(address, GYRO_CONFIG, 0x08)
         bus.write_byte_data(address, ACCEL_CONFIG, 0x08)
@@ -190,11 +190,11 @@ class Mpu6050(Imu):
         return self._direction
 
     def _initialise(self, force: Vec3, rates: Vec3) -> None:
-        """Take the first direction, and the gyroscope's error, when all is still.
+        """Find gravity's first direction, and the gyroscope's bias while the sensor is at rest.
 
-        Without the error, which may be many degrees a second, no direction would be true for long.
-        Opened again in the air nothing is ever still: it has the error from before then, and what
-        pulls is gravity as long as it pulls with 1 g on the whole.
+        The bias may be many degrees a second; without it no direction would hold for long. If the
+        sensor is reopened in the air, it is never at rest: the earlier bias is kept, and the mean
+        force is taken for gravity if it is 1 g.
         """
         self._still.append((force, rates))
         still = self._still
@@ -227,7 +227,7 @@ def _is_gravity(force: Vec3) -> bool:
 
 
 class Bno055(Imu):
-    """A sensor that does the fusion itself."""
+    """A sensor that computes gravity's direction itself."""
 
     latency_s = 0.01
     _register, _data = GRV_DATA, BNO_DATA

@@ -2,9 +2,9 @@
 
 Source: MAVLink common message set: MAV_CMD_DO_MOUNT_CONTROL (205; degrees, pitch up, yaw right),
 MAV_MOUNT_MODE_MAVLINK_TARGETING, MOUNT_ORIENTATION (265), and MOUNT_STATUS (158) of ArduPilot's
-own set, in hundredths of a degree. ArduPilot up to 4.2 knows MOUNT_STATUS only; newer ones want the
-driver `mavlink`. ArduPilot 4.1 mistakes the units of the order and of the report for gimbals of
-servos: use 4.3 or newer with those.
+own set, in hundredths of a degree. ArduPilot up to 4.2 has MOUNT_STATUS only; for newer versions
+use the driver `mavlink`. With servo gimbals ArduPilot 4.1 confuses the units of the order and of
+the report: use 4.3 or newer for these.
 
 Pitch and roll are against the horizon, yaw against the airframe. ArduPilot composes them as yaw,
 pitch, roll (Quaternion::from_euler and to_euler: Rz Ry Rx), landerd as yaw, roll, pitch: they are

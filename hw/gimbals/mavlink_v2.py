@@ -2,13 +2,14 @@
 
 Source: MAVLink, "Gimbal Protocol v2": GIMBAL_MANAGER_SET_PITCHYAW (287),
 GIMBAL_DEVICE_ATTITUDE_STATUS (285), MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE (1001). ArduPilot 4.3 and
-newer is the manager of whatever its MNT1_TYPE names, and tells the attitude of all of them; of a
-gimbal of servos that is what was ordered (`feedback: false`). It takes a pitch-and-yaw order only
-if both are numbers and the rates are not.
+newer is the manager of every gimbal type that MNT1_TYPE may name, and reports its attitude; for a
+servo gimbal that is the ordered one (`feedback: false`). It accepts an order of pitch and yaw only
+if both angles are numbers and both rates are NaN.
 
-The attitude is taken as the quaternion says. Where ArduPilot makes it of a gimbal's own angles it
-composes them as yaw, pitch, roll; of a gimbal that rolls under its yaw axis that is wrong by the
-roll while it looks straight down, and cannot be told from outside: keep the roll at 0.
+The attitude is that of the reported quaternion. Where ArduPilot computes this from a gimbal's own
+angles, it composes them as yaw, pitch, roll. For a gimbal whose roll axis is below its yaw axis the
+result is wrong by the roll while the camera looks straight down; landerd cannot detect that, so
+keep the roll at 0.
 
 Pitch and roll are against the horizon, yaw against the airframe.
 """
@@ -40,19 +41,19 @@ class MavlinkOptions(BehindAutopilotOptions):
 
 
 class MavlinkGimbal(BehindAutopilotGimbal):
-    """GIMBAL_MANAGER_SET_PITCHYAW, and the device's attitude; unusable reports are told once."""
+    """Orders by GIMBAL_MANAGER_SET_PITCHYAW; the pilot is told once of unusable reports."""
 
     _options: MavlinkOptions
 
     def __init__(self, options: MavlinkOptions, autopilot: MavlinkAutopilot) -> None:
         self._told: set[str] = set()
         self._boot_ms: int | None = None  # of the last report
-        self._device_id = options.device_id  # whose reports count; 0: not known yet
+        self._device_id = options.device_id  # device whose reports are used; 0: not known yet
         report = mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
         super().__init__(options, autopilot, report)
 
     async def open(self) -> None:
-        """Begin anew."""
+        """Discard old reports, and claim control again."""
         await super().open()
         self._boot_ms = None
         self._device_id = self._options.device_id
@@ -81,7 +82,7 @@ class MavlinkGimbal(BehindAutopilotGimbal):
         )
 
     def _counts(self, m: Message) -> bool:
-        # ArduPilot tells of all its mounts one after the other; older ones without their numbers.
+        # ArduPilot reports all its mounts in turn; older versions do so without their numbers.
         device = m.gimbal_device_id
         self._device_id = self._device_id or device
         if device in (0, self._device_id):

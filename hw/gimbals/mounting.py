@@ -1,8 +1,8 @@
-"""What gimbal drivers share: how the gimbal sits on the airframe.
+"""Base of the gimbal drivers: how the gimbal is mounted on the airframe.
 
-Drivers turn their maker's angles into landerd's (yaw right, pitch up, roll right, rad); the
-mounting then takes care of a gimbal that is built in the other way round or whose zero is not
-straight ahead.
+Drivers convert their manufacturer's angles to landerd's signs (yaw right, pitch up, roll right,
+rad). The mounting then corrects for a gimbal that is mounted the other way round, or whose zero is
+not straight ahead.
 """
 
 import math
@@ -16,8 +16,8 @@ from landerd.ports import Feedback, GimbalTraits
 from landerd.section import Angle, Section
 
 Latency = Annotated[float, Field(ge=0, le=0.2)]
-_LARGEST_ANGLE = 2.0 * math.pi + 1e-6  # no gimbal reports more, rad
-SERVO_SIGMA = math.radians(1.5)  # of hobby servos whose table was calibrated
+_LARGEST_ANGLE = 2.0 * math.pi + 1e-6  # largest angle that a gimbal reports, rad
+SERVO_SIGMA = math.radians(1.5)  # standard deviation of hobby servos with a calibrated table
 
 
 class MountOptions(Section):
@@ -44,7 +44,7 @@ class MountOptions(Section):
 
     @property
     def traits(self) -> GimbalTraits:
-        """What there is to know of the gimbal."""
+        """The gimbal's properties that the core uses."""
         return GimbalTraits(
             Reference.HORIZON,
             Feedback.MEASURED,
@@ -55,14 +55,14 @@ class MountOptions(Section):
 
 
 class Mounting:
-    """Turns a device's angles into landerd's and orders into the device's."""
+    """Converts a device's angles to landerd's, and orders to the device's angles."""
 
     def __init__(self, options: MountOptions) -> None:
         self._options = options
         self.traits = options.traits
 
     def state(self, t: float, yaw: float, pitch: float, roll: float = 0.0) -> GimbalState | None:
-        """Return the state for a device's angles (rad) that arrived at t; None: they are none."""
+        """Return the state for a device's angles (rad) of time t (s); None: they are impossible."""
         if not all(-_LARGEST_ANGLE <= angle <= _LARGEST_ANGLE for angle in (yaw, pitch, roll)):
             return None  # NaN too
         o, is_measured = self._options, self.traits.feedback is not Feedback.ORDERED
@@ -77,7 +77,7 @@ class Mounting:
         )
 
     def order(self, command: GimbalCommand) -> tuple[float, float] | None:
-        """Return the device's yaw and pitch for an order, within its limits; None: no numbers."""
+        """Return the device's yaw and pitch (rad) for an order, within limits; None: not finite."""
         if not (math.isfinite(command.yaw) and math.isfinite(command.pitch)):
             return None
         o, traits = self._options, self.traits

@@ -1,4 +1,4 @@
-"""The loop around an axis that takes a speed and reports an angle."""
+"""Position control of an axis that takes a speed and reports an angle."""
 
 from typing import Annotated
 
@@ -18,28 +18,28 @@ class RateLoopOptions(Section):
 
 
 class RateLoop:
-    """PID of an axis with stops: it never turns the short way round through them.
+    """PID controller of an axis with end stops: it never takes the short way through them.
 
-    The derivative is the measurement's. While the output is at its limit the integral may only
-    shrink, so that after a long turn it does not carry the axis past its target.
+    The derivative acts on the measured angle. While the output is at its limit the integral may
+    only shrink (anti-windup), so that after a long turn the axis does not overshoot its target.
     """
 
     def __init__(self, options: RateLoopOptions, limit: float, integral_limit: float) -> None:
-        """Limit: of the output, rad/s. integral_limit: of the integral's share of it, rad/s."""
+        """Make one; limit: of the output, rad/s; integral_limit: of the integral's part, rad/s."""
         self._options, self._limit, self._integral_limit = options, limit, integral_limit
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Clear the integral."""
         self._integral = 0.0
 
     def step(self, target: float, angle: float, rate: float, dt: float) -> float:
         """Return the speed to order, rad/s.
 
         Args:
-            target: rad.
-            angle: measured, rad.
-            rate: measured, rad/s.
+            target: angle to turn to, rad.
+            angle: measured angle, rad.
+            rate: measured turn rate, rad/s.
             dt: time since the last step, s.
         """
         o = self._options

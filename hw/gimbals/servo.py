@@ -1,11 +1,13 @@
 """A gimbal of hobby servos: pulse widths out, a model of the servos instead of feedback.
 
-Angles are relative to the airframe. What is reported is where the servos should be by now: the
-ordered angle, followed with a limited speed and a lag, read back through the table of calibration.
-Orders turn no faster than servos follow for sure: a model is no feedback.
-With an IMU on the camera the pitch is measured, against the horizon, and its servo is moved so that
-the camera keeps the pitch that was ordered however the airframe tilts. The drivers differ in how
-the pulses get out (servo_mavlink, servo_sysfs, servo_pca9685).
+Angles are relative to the airframe. The model gives the angles at which the servos should be by
+now: it follows the ordered ones with a limited speed and a lag. As it cannot notice a servo that
+falls behind, orders turn no faster than servos certainly follow. Tables, made by calibration,
+convert angles to pulse widths.
+
+An IMU on the camera, if there is one, measures the pitch against the horizon, and the pitch servo
+is moved so that the camera keeps the ordered pitch however the airframe tilts. The drivers differ
+in how they output the pulses (servo_mavlink, servo_sysfs, servo_pca9685).
 """
 
 import asyncio
@@ -24,12 +26,12 @@ from landerd.ports import DeviceLost, Feedback, GimbalTraits
 from landerd.section import Angle, Section
 
 _RATE_HZ = 50.0
-_LEVELLING_S = 0.2  # time constant with which the pitch servo makes up for the airframe's pitch
-# Of `slew_deg_s` orders turn by no more: under load servos are slower than they say, and one that
-# cannot follow is not where the model has it. Of 10 field days whose servos reach 60 to 200 degrees
-# a second, 120 said, 7 landed without it, 9 with it.
+_LEVELLING_S = 0.2  # time constant with which the pitch servo compensates the airframe's pitch
+# Share of `slew_deg_s` at which orders turn at most: under load servos are slower than specified,
+# and one that cannot follow is not where the model has it. In simulation of 10 field days, with
+# servos of 60 to 200 degrees a second and 120 configured, 7 landed without this limit, 9 with it.
 _ORDERED_SHARE = 0.5
-_LATEST_S = 0.05  # that a reading of the sensor may take: of a longer one the time is not known
+_LATEST_S = 0.05  # longest duration of a reading of the IMU; the time of a longer one is uncertain
 Pulse = Annotated[float, Field(ge=400, le=2600)]
 TILT = ((-135.0, 1000.0), (-45.0, 1500.0), (45.0, 2000.0))  # a usual servo, middle at 45 down
 
@@ -80,11 +82,11 @@ class ServoOptions(Section):
 
     @property
     def axes(self) -> list[ServoAxisOptions]:
-        """The servos that there are, that for yaw first."""
+        """The configured servos, that for yaw first."""
         return [axis for axis in (self.yaw, self.pitch) if axis is not None]
 
     def see_pulses_fit(self, frequency_hz: float) -> None:
-        """See that the tables' pulses end before the next begins. Raises ValueError."""
+        """Check that each pulse of the tables ends before the next begins. Raises ValueError."""
         longest_us = max(pulse for axis in self.axes for _, pulse in axis.table)
         if longest_us >= 1e6 / frequency_hz:
             raise ValueError(
@@ -94,7 +96,7 @@ class ServoOptions(Section):
 
     @property
     def traits(self) -> GimbalTraits:
-        """What there is to know of the gimbal: it reaches what is in its tables."""
+        """The gimbal's properties that the core uses; its limits are those of its tables."""
         yaw = self.yaw.limits if self.yaw is not None else (0.0, 0.0)
         reference, feedback = Reference.BODY, Feedback.MODELLED
         if self.imu is not None:  # but the yaw is still modelled
@@ -103,7 +105,7 @@ class ServoOptions(Section):
 
 
 class PulseOutput(Protocol):
-    """Where the pulses come out. Writing must not block."""
+    """Output of the pulses; `write` must not block."""
 
     async def open(self) -> None:
         """Get ready. Raises DeviceLost."""
@@ -116,10 +118,10 @@ class PulseOutput(Protocol):
 
 
 class ServoAxis:
-    """Angle to pulse by table, and where the servo is by now."""
+    """Pulse width for an angle by the table, and a model of where the servo is by now."""
 
     def __init__(self, options: ServoAxisOptions, slew: float, lag_s: float) -> None:
-        """Slew: largest speed, rad/s. lag_s: time constant."""
+        """Make one; slew: largest speed, rad/s; lag_s: time constant of the servo, s."""
         self.channel = options.channel
         self._table = [(math.radians(angle), pulse) for angle, pulse in options.table]
         self._slew, self._lag_s = slew, lag_s
@@ -135,7 +137,7 @@ class ServoAxis:
         return self._table[-1][1]
 
     def step(self, dt: float) -> None:
-        """Go on by dt (s): the servo after its target, which then goes on to what is wanted."""
+        """Advance by dt (s): the servo follows its target, and the target the wanted angle."""
         share = 1.0 - math.exp(-dt / self._lag_s) if self._lag_s > 0.0 else 1.0
         reach, most = self._slew * dt, _ORDERED_SHARE * self._slew * dt
         self.angle += clamp(share * (self.target - self.angle), -reach, reach)
@@ -150,7 +152,7 @@ class ServoGimbal:
     ) -> None:
         self._imu = make_imu(options.imu, imu_i2c) if options.imu is not None else None
         self._levelled = False
-        self._airframe_pitch = 0.0  # under the pitch servo, as the IMU shows it, rad
+        self._airframe_pitch = 0.0  # measured pitch minus the servo's modelled angle, filtered, rad
         slew = math.radians(options.slew_deg_s)
         self._pitch = ServoAxis(options.pitch, slew, options.lag_s)
         self._yaw = ServoAxis(options.yaw, slew, options.lag_s) if options.yaw else None
@@ -162,7 +164,7 @@ class ServoGimbal:
         self.traits = options.traits
 
     async def open(self) -> None:
-        """Get output and sensor ready. Raises DeviceLost."""
+        """Open the output and the IMU. Raises DeviceLost."""
         if self._imu is not None:
             await self._imu.open()
             self._levelled = False
@@ -184,7 +186,7 @@ class ServoGimbal:
             yaw = self._yaw.angle if self._yaw else 0.0
             if self._imu is None:
                 return GimbalState(self._t, yaw, self._pitch.angle, 0.0, Reference.BODY)
-            t, modelled = self._t, self._pitch.angle  # as an order may come meanwhile
+            t, modelled = self._t, self._pitch.angle  # kept, as an order may arrive meanwhile
             pitch = await self._imu.pitch()
             took_s = loop.time() - t
             if pitch is not None and took_s < _LATEST_S:
@@ -197,9 +199,9 @@ class ServoGimbal:
                 return GimbalState(t, yaw, pitch, 0.0, Reference.TILT)
 
     def command(self, command: GimbalCommand) -> None:
-        """Send pulses for new angles; a lost output is told by `state`."""
+        """Send pulses for new angles; if the output is lost, `state` raises DeviceLost."""
         if self._imu is not None and not self._levelled:
-            return  # the sensor is still finding the horizon
+            return  # the IMU does not know the horizon yet
         if not (self._is_open and math.isfinite(command.yaw) and math.isfinite(command.pitch)):
             return
         self._pitch.wanted = command.pitch - self._airframe_pitch
@@ -207,7 +209,7 @@ class ServoGimbal:
             self._yaw.wanted = command.yaw
         self._advance(asyncio.get_running_loop().time())
         if not self._is_ordered:
-            # Where the servos stand nobody knows: they are led from here on.
+            # The servos' angles are not known yet, so the first order is not limited in speed.
             self._is_ordered = True
             for axis in self._axes:
                 axis.target = clamp(axis.wanted, *axis.limits)
@@ -221,7 +223,7 @@ class ServoGimbal:
             await self._imu.close()
 
     def _write(self) -> None:
-        """Let the pulses out, once there was an order."""
+        """Output the pulses, after the first order only."""
         if not (self._is_open and self._is_ordered):
             return
         try:

@@ -16,7 +16,7 @@ from hw.gimbals.i2c import KERNELS, I2c
 from hw.gimbals.imu import ReadableBus
 from hw.gimbals.servo import TILT, ServoAxisOptions, ServoGimbal, ServoOptions
 
-_REPEAT_S = 1.0  # an order is repeated after this: one may have been lost
+_REPEAT_S = 1.0  # interval at which an order is repeated, as one may have been lost
 
 
 class ServoMavlinkOptions(ServoOptions):
@@ -49,14 +49,14 @@ class AutopilotOutputs:
 
     def __init__(self, autopilot: MavlinkAutopilot, period_s: float) -> None:
         self._autopilot, self._period_s = autopilot, period_s
-        self._sent: dict[int, tuple[float, int]] = {}  # by channel: when and which pulse
+        self._sent: dict[int, tuple[float, int]] = {}  # time (s) and last pulse (us) by channel
 
     async def open(self) -> None:
-        """Begin anew."""
+        """Forget the pulses sent, so that all are sent again."""
         self._sent.clear()
 
     def write(self, pulses: dict[int, float]) -> None:
-        """Order pulse widths, us by output, where they have changed."""
+        """Order pulse widths, us by output, that have changed or are to be repeated."""
         now = asyncio.get_running_loop().time()
         for channel, pulse in pulses.items():
             pulse_us = round(pulse)

@@ -18,7 +18,7 @@ from landerd.ports import DeviceLost
 MODE1, LED0_ON_L, PRE_SCALE = 0x00, 0x06, 0xFE
 AUTO_INCREMENT, SLEEP = 0x20, 0x10
 STEPS = 4096  # of one period
-LEAST_PRESCALE, MOST_PRESCALE = 3, 255  # 7.3.5
+LEAST_PRESCALE, MOST_PRESCALE = 3, 255  # section 7.3.5
 _LAST_CHANNEL = 15
 
 
@@ -49,12 +49,12 @@ class ServoPca9685Options(ServoOptions):
 
     @property
     def prescale(self) -> int:
-        """What divides the oscillator, less one (7.3.5)."""
+        """Divisor of the oscillator's frequency minus one, as PRE_SCALE takes it (7.3.5)."""
         return round(self.oscillator_hz / (STEPS * self.frequency_hz)) - 1
 
 
 class WritableBus(Protocol):
-    """What is used of an I2C bus (smbus2.SMBus)."""
+    """The part of an I2C bus (smbus2.SMBus) that is used."""
 
     def write_byte_data(self, i2c_addr: int, register: int, value: int) -> None: ...  # noqa: D102
     def write_i2c_block_data(  # noqa: D102
@@ -76,7 +76,7 @@ class ServoPca9685Gimbal(ServoGimbal):
 
 
 class Pca9685:
-    """The chip: twelve bits of time for each channel in a common period."""
+    """The chip: each channel's pulse has 12 bits of resolution in a common period."""
 
     def __init__(self, options: ServoPca9685Options, i2c: I2c[WritableBus]) -> None:
         self._address = options.address
@@ -93,7 +93,7 @@ class Pca9685:
         await self._device.open(self._set_up)
 
     def write(self, pulses: dict[int, float]) -> None:
-        """Set pulse widths, us by channel, soon. Raises DeviceLost if it failed the last time."""
+        """Schedule pulse widths, us by channel. Raises DeviceLost if the last write failed."""
         if self._failure is not None:
             raise self._failure
         self._next = pulses
@@ -101,12 +101,12 @@ class Pca9685:
             self._writing = asyncio.create_task(self._write())
 
     async def close(self) -> None:
-        """Release the bus; the chip goes on with the last pulses."""
+        """Release the bus; the chip keeps sending the last pulses."""
         self._next = None
         await self._device.close()
 
     async def _write(self) -> None:
-        """Write until there is nothing newer."""
+        """Write the newest pulses until there are no newer ones."""
         while (pulses := self._next) is not None:
             self._next = None
             try:

@@ -16,7 +16,7 @@ from hw.gimbals.imu import ReadableBus
 from hw.gimbals.servo import ServoGimbal, ServoOptions
 from landerd.ports import DeviceLost
 
-_LOOK_S = 1.0  # so often it is looked whether a channel is on
+_LOOK_S = 1.0  # interval at which it is checked that a channel is still enabled
 
 
 class ServoSysfsOptions(ServoOptions):
@@ -48,16 +48,17 @@ class SysfsPwm:
         self._looked_t = -math.inf
 
     async def open(self) -> None:
-        """See that the chip is there. Raises DeviceLost."""
+        """Check that the chip is there. Raises DeviceLost."""
         self._ready.clear()
         if not (self._chip / "export").exists():
             raise DeviceLost(f"{self._chip}: no such PWM chip")
 
     def write(self, pulses: dict[int, float]) -> None:
-        """Set pulse widths, us by channel; a new channel is exported first. Raises DeviceLost.
+        """Set pulse widths, us by channel; a new channel is exported first.
 
-        So it does where another program has switched one off, as ArduPilot does with all of its
-        board's as it starts: opened anew it is switched on again.
+        Raises:
+            DeviceLost: writing failed, or another program has disabled a channel, as ArduPilot
+                does with all those of its board when it starts; reopening enables it again.
         """
         now = asyncio.get_running_loop().time()
         is_due = now - self._looked_t >= _LOOK_S

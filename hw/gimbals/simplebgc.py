@@ -26,13 +26,13 @@ CMD_CONTROL = 67
 CMD_MOTORS_ON = 77
 CMD_GET_ANGLES_EXT = 61
 MODE_ANGLE, MODE_ANGLE_REL_FRAME = 2, 5
-UNIT = math.radians(360.0 / 16384.0)  # of angles
-SPEED_UNIT = math.radians(0.1220740379)  # of speeds, rad/s
-CONTROL = struct.Struct("<3B6h")  # modes of roll, pitch, yaw; speed and angle of each
-ANGLES_EXT = struct.Struct("<" + "hhi10x" * 3)  # of roll, pitch, yaw: IMU, target, joint
+UNIT = math.radians(360.0 / 16384.0)  # unit of angles, rad
+SPEED_UNIT = math.radians(0.1220740379)  # unit of speeds, rad/s
+CONTROL = struct.Struct("<3B6h")  # modes of roll, pitch, yaw; then speed and angle of each
+ANGLES_EXT = struct.Struct("<" + "hhi10x" * 3)  # IMU, target and joint angle of roll, pitch, yaw
 
 _START = b"$"
-_HEADER = 4  # start, command, size, their checksum
+_HEADER = 4  # bytes: start, command, size, their checksum
 _CRC = 2
 _POLYNOMIAL = 0x8005
 
@@ -49,7 +49,7 @@ class SimpleBgcOptions(MountOptions):
 
 
 class SimpleBgcGimbal:
-    """Angles ordered and asked for over the serial API."""
+    """Orders and requests angles over the serial API."""
 
     def __init__(self, options: SimpleBgcOptions, link: ByteLink) -> None:
         self._mounting = Mounting(options)
@@ -68,7 +68,7 @@ class SimpleBgcGimbal:
             if frame[1] != CMD_GET_ANGLES_EXT or frame[2] != ANGLES_EXT.size:
                 continue
             roll, _, _, pitch, _, _, _, _, yaw = ANGLES_EXT.unpack(frame[_HEADER:-_CRC])
-            yaw = math.remainder(yaw, 16384.0)  # an encoder counts turns
+            yaw = math.remainder(yaw, 16384.0)  # the encoder counts whole turns, too
             state = self._mounting.state(t, UNIT * yaw, -UNIT * pitch, UNIT * roll)
             if state is not None:
                 if self._dialogue.answered(t):
@@ -102,14 +102,14 @@ class SimpleBgcGimbal:
 
 
 def encode(command: int, payload: bytes = b"") -> bytes:
-    """Return the frame of a command, either way."""
+    """Return the frame of a command, to or from the gimbal."""
     size = len(payload)
     body = bytes((command, size, (command + size) & 0xFF)) + payload
     return _START + body + struct.pack("<H", crc16(body))
 
 
 def frame_scanner() -> FrameScanner:
-    """Return a scanner for frames of version 2, whose header has a checksum of its own."""
+    """Return a scanner for frames of protocol version 2, whose header has its own checksum."""
 
     def size(header: bytes) -> int | None:
         is_header = header[3] == (header[1] + header[2]) & 0xFF

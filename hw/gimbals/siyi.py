@@ -4,9 +4,9 @@ Source: SIYI, "Gimbal Camera External SDK Protocol": framing, CRC16 (polynomial 
 byte first), commands 0x07 (speed), 0x0C (mode), 0x0D (attitude). Yaw is reported positive left and
 ordered positive right (as ArduPilot's AP_Mount_Siyi reads it).
 
-The angle command (0x0E) stops the yaw motor at each new order (ArduPilot issue 23149), so speeds
-are ordered, in hundredths of the largest, and the loop is closed here. Mode "follow": pitch and
-roll against the horizon, yaw against the airframe.
+The angle command (0x0E) stops the yaw motor at each new order (ArduPilot issue 23149), so this
+driver orders speeds, in hundredths of the largest, and closes the position loop itself. In the mode
+"follow" pitch and roll are against the horizon, yaw against the airframe.
 """
 
 import asyncio
@@ -28,16 +28,16 @@ from landerd.section import Angle
 CMD_ROTATE = 0x07
 CMD_MODE = 0x0C
 CMD_ATTITUDE = 0x0D
-FOLLOW = 4  # of CMD_MODE
-ASK, ANSWER = 1, 2  # of the control byte: an answer is wanted; this is one
+FOLLOW = 4  # value of CMD_MODE
+ASK, ANSWER = 1, 2  # bits of the control byte: an answer is requested; this is an answer
 ATTITUDE = struct.Struct("<6h")  # yaw, pitch, roll in 0.1 degrees; their speeds in 0.1 degrees/s
-ROTATE = struct.Struct("<2b")  # yaw, pitch: -100 to 100
+ROTATE = struct.Struct("<2b")  # speeds of yaw and pitch, -100 to 100
 HEADER = struct.Struct("<2sBHHB")  # start, control, size of the data, number, command
 UNIT = math.radians(0.1)
 
 _START = b"\x55\x66"
 _CRC = 2
-_LONGEST_DATA = 64  # of the data in any frame that concerns us
+_LONGEST_DATA = 64  # bytes; no frame that is used here has more data
 _STALE_S = 0.2  # without angles for this long the motors are stopped
 
 
@@ -54,7 +54,7 @@ class SiyiOptions(MountOptions):
 
 
 class SiyiGimbal:
-    """Speeds ordered, angles asked for; the loop is closed with every answer."""
+    """Requests angles, and orders speeds at every answer to reach the target angles."""
 
     def __init__(self, options: SiyiOptions, link: ByteLink) -> None:
         self._mounting = Mounting(options)
@@ -101,7 +101,7 @@ class SiyiGimbal:
             return state
 
     def command(self, command: GimbalCommand) -> None:
-        """Take new angles to turn to."""
+        """Set new target angles."""
         angles = self._mounting.order(command)
         if angles is not None:
             self._target = angles
@@ -130,7 +130,7 @@ class SiyiGimbal:
 
 
 def encode(control: int, number: int, command: int, data: bytes) -> bytes:
-    """Return a frame, either way."""
+    """Return a frame, to or from the gimbal."""
     body = HEADER.pack(_START, control, len(data), number, command) + data
     return body + struct.pack("<H", binascii.crc_hqx(body, 0))
 

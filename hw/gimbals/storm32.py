@@ -2,9 +2,9 @@
 
 Source: STorM32-BGC wiki, "Serial Communication - RC Commands", and the C library of its author
 (github.com/olliw42/storm32bgc, c-library/STorM32_lib.h): framing, X25 checksum, CMD_SETANGLES (17),
-CMD_GETDATAFIELDS (6) with LIVEDATA_ATTITUDE_RELATIVE. The start byte 0xF9 asks for no
-acknowledgement. Its frame is x forward, y left, z up: pitch is positive down and yaw positive left
-(his ArduPilot driver turns both signs).
+CMD_GETDATAFIELDS (6) with LIVEDATA_ATTITUDE_RELATIVE. A frame that starts with 0xF9 is not
+acknowledged. The gimbal's axes are x forward, y left, z up: pitch is positive down and yaw positive
+left (the author's ArduPilot driver reverses both signs).
 
 Pitch and roll are measured against the horizon, yaw against the airframe.
 """
@@ -31,7 +31,7 @@ SET_ANGLES = struct.Struct("<3fBB")  # pitch, roll, yaw in degrees; flags; type
 ATTITUDE = struct.Struct("<HI3f")  # fields; time since boot, ms; pitch, roll, yaw in degrees
 
 _HEADER, _CRC = 3, 2
-_LONGEST_PAYLOAD = 77  # of any answer, bytes
+_LONGEST_PAYLOAD = 77  # bytes in the longest answer
 
 
 class Storm32Options(MountOptions):
@@ -45,7 +45,7 @@ class Storm32Options(MountOptions):
 
 
 class Storm32Gimbal:
-    """Angles ordered and asked for by RC commands."""
+    """Orders and requests angles by RC commands."""
 
     def __init__(self, options: Storm32Options, link: ByteLink) -> None:
         self._mounting = Mounting(options)
@@ -93,7 +93,7 @@ class Storm32Gimbal:
 
 
 def encode(start: bytes, command: int, payload: bytes) -> bytes:
-    """Return the frame of a command, either way."""
+    """Return the frame of a command, to or from the gimbal."""
     body = bytes((len(payload), command)) + payload
     return start + body + struct.pack("<H", x25crc(body).crc)
 
