@@ -1,4 +1,4 @@
-"""The `sim.faults` block: what goes wrong in a simulated flight, when, for how long and how badly.
+"""The `sim.faults` block: the faults of a simulated flight, their onset, duration and severity.
 
 `FAULTS` is the one table of all faults; `hw.sim.faults` makes them happen.
 """
@@ -15,22 +15,23 @@ PhaseName = Literal["APPROACH", "CLOSE_APPROACH", "YAW_CORRECTION", "DESCENT", "
 
 
 class FaultKind(NamedTuple):
-    """One thing that can go wrong."""
+    """One kind of fault."""
 
     device: str
-    does: str  # what severity 0 to 1 makes of it, for docs/faults.md
-    ends: bool = True  # false: it takes a moment, and `for_s` is ignored
-    # Beginnings of the rules and findings that no landerd can keep during it and shortly after.
+    does: str  # the fault, and its range from severity 0 to 1, for docs/faults.md
+    ends: bool = True  # false: it is momentary, and `for_s` is ignored
+    # Beginnings of the broken rules and findings that are excused, as no landerd could avoid them
+    # during the fault and shortly after.
     excuses: tuple[str, ...] = ()
-    lands: bool = True  # false: no landing is to be expected any more
-    in_sitl: bool = True  # false: only the stand-in and its world have it
+    lands: bool = True  # false: no landing is expected any more
+    in_sitl: bool = True  # false: only flights with the simulated autopilot can have it
     stays: bool = False  # its effect lasts until the flight ends
 
 
 # ---- what excuses broken rules ------------------------------------------------------------------
 
-# A process that stands still, is gone or cannot send, sends nothing. The vehicle descends until the
-# autopilot's timeout stops it (just over the pad: onto the pad), and without having seen the pad.
+# A process that is blocked, is gone or cannot send sends no orders. The vehicle keeps descending
+# until the autopilot's timeout stops it (just over the pad: onto the pad), without seeing the pad.
 _SILENT = (
     "3: set-points less often",
     "1b: silent without stop orders",
@@ -40,32 +41,32 @@ _SILENT = (
     "4: a climb ordered while standing",
 )
 
-# Once the vehicle stands, pictures are not searched any more; a pad pulled away from under its
-# first foot leaves it on the ground.
+# Once the vehicle stands, pictures are no longer searched; if the pad is pulled away from under its
+# first foot, it stands on the ground.
 _UNDER_ITS_FEET = (
     "6: said to have landed",
     "4: not going with",
     "4: level and without thrust while it slides",
     "descends below",
 )
-# Until sight shows that the pad rises, the vehicle descends onto it as before.
+# Until sightings show that the pad rises, the vehicle descends at its earlier rate.
 _COMES_UP = ("2: sinking faster than the autopilot",)
-# On a pad that is carried away, to go with it is as good as to leave it.
+# On a pad that is carried away, going with it is as good as leaving it.
 _CARRIED = (*_COMES_UP, "4: no descent", "4: not going with", "4: a climb ordered")
-# A gimbal whose angles are wrong shows the pad aside by as much; a drift of them looks like a pad
-# that drives.
+# Wrong gimbal angles shift the pad's apparent position by as much; if they drift, the pad seems to
+# drive.
 _SEEN_ASIDE = ("2: a downward set-point outside the descent region",)
-# It also shows the pad's heading wrong: by the error of its yaw, and, where the airframe leans, by
-# a part of the error of its pitch.
+# They also turn the pad's apparent heading: by the error of the yaw and, while the airframe leans,
+# by a part of the error of the pitch.
 _SEEN_TURNED = (*_SEEN_ASIDE, "2: a downward set-point with the heading off")
-# No order arrives: the vehicle flies the last one until the autopilot's timeout stops it, also with
-# its feet on a pad that drives.
+# No order arrives: the vehicle flies the last one until the autopilot's timeout stops it, even with
+# its feet on a driving pad.
 _UNHEARD = ("ground contact off the pad", "tipped over 30 degrees")
-# Another flight mode begins with a stop, which tips over a vehicle standing on a pad that drives.
+# Another flight mode begins with a stop, which tips over a vehicle standing on a driving pad.
 _LED_AWAY = ("tipped over in the hands of others",)
-# With wrong velocities, orders that go with the pad go across it in truth.
+# With wrong velocities, orders meant to go with the pad move the vehicle across it.
 _GOES_BY_WRONG_VELOCITIES = ("4: not going with",)
-# landerd may not fly: the autopilot stops a vehicle that has come down on a pad that drives.
+# landerd may not fly: the autopilot stops a vehicle that has come down on a driving pad.
 _LEFT_THERE = ("tipped over",)
 # A gust accelerates the airframe at once, whatever is ordered.
 _BLOWN = ("accelerates more than the limits",)
@@ -268,7 +269,7 @@ class FaultOptions(Section):
 
     @property
     def lasts_s(self) -> float | None:
-        """How long it is there; 0: it is done in a moment, None: until the flight ends."""
+        """How long it lasts, s; 0: it is momentary, None: until the flight ends."""
         kind = FAULTS[self.fault]
         if kind.stays:
             return None

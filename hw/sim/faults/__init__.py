@@ -1,1 +1,1 @@
-"""What goes wrong in a simulated flight: one file a kind of device."""
+"""Implements the faults of simulated flights; one file per kind of device."""

@@ -1,4 +1,4 @@
-"""The air: gusts, and that over the ground."""
+"""Faults of the air: gusts, and ground effect."""
 
 import math
 from collections.abc import Iterator, Mapping

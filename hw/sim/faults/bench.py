@@ -1,4 +1,4 @@
-"""What faults act on (the bench), what a fault is, and helpers for faults that overlap."""
+"""The simulated devices that faults act on, and helpers for faults that overlap in time."""
 
 import asyncio
 from collections import ChainMap
@@ -22,36 +22,36 @@ from landerd.ports import Gimbal
 
 
 class Computer(Protocol):
-    """The companion computer with landerd's process.
+    """The companion computer that runs landerd's process.
 
     Attributes:
-        search_s: added to what the search of a picture takes, s.
-        slow_disk_s: for so long a picture that is recorded holds up the loop, s.
+        search_s: time added to the search of a picture, s.
+        slow_disk_s: time for which recording a picture blocks the event loop, s.
     """
 
     search_s: float
     slow_disk_s: float
 
     def stall(self, duration_s: float) -> None:
-        """Let the process stand still."""
+        """Block the process for this time, s."""
 
     def fail(self, part: str, error: Exception | None) -> None:
-        """Let a part ("search", "core", "sending", "disk") raise this from now on; None: end it."""
+        """Let a part ("search", "core", "sending", "disk") raise an error; None: no longer."""
 
     def terminate(self) -> None:
-        """Tell the process to stop, as SIGTERM and SIGINT do."""
+        """Ask the process to end, as SIGTERM and SIGINT do."""
 
     def kill(self) -> None:
-        """End the process at once; it is started again."""
+        """Kill the process at once, as SIGKILL does; it is started again."""
 
 
 @dataclass(frozen=True)
 class Vehicle:
-    """The autopilot, its link and who flies it."""
+    """The autopilot, its link to landerd, and the pilot."""
 
-    near: MemoryLink  # landerd's end of its link
-    far: MemoryLink  # the autopilot's end
-    tampering: Tampering  # what becomes of the autopilot's messages
+    near: MemoryLink  # landerd's end of the link
+    far: MemoryLink  # the autopilot's end of the link
+    tampering: Tampering  # changes the autopilot's messages on their way to landerd
     switch: GateSwitch
     pilot: Pilot
     stand_in: SimAutopilot | None = None  # None: a real autopilot flies
@@ -59,7 +59,7 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class Bench:
-    """The simulated devices, the world, and the computer."""
+    """The world, the simulated devices and the computer, on which faults act."""
 
     world: World
     camera: SimCamera
@@ -69,27 +69,27 @@ class Bench:
     computer: Computer
     plate: Plate
     frustum: Frustum
-    renderer: Callable[[RenderOptions, PadOptions], Renders]  # makes one
-    rng: Random  # the fault's own
+    renderer: Callable[[RenderOptions, PadOptions], Renders]  # makes a renderer
+    rng: Random  # random numbers of this fault
 
     def between(self, least: float, most: float, severity: float) -> float:
-        """Return what a severity of 0 to 1 is on a scale."""
+        """Map a severity of 0 to 1 linearly to the range from least to most."""
         return least + severity * (most - least)
 
 
-# From the bench and the severity: the fault is there while the context is.
+# Takes the bench and the severity (0 to 1); the fault lasts as long as the context returned.
 Effect = Callable[[Bench, float], AbstractContextManager[None]]
 
 
 def stand_in(bench: Bench) -> SimAutopilot:
-    """Return the autopilot that is in this process."""
+    """Return the simulated autopilot, in flights that have no real one."""
     assert bench.vehicle.stand_in is not None, "checked with the command line"
     return bench.vehicle.stand_in
 
 
 @contextmanager
 def changed(target: object, **values: Any) -> Iterator[None]:
-    """Give an object's attributes these values; overlapping faults may end in any order."""
+    """Set attributes of an object while the context lasts; faults may end in any order."""
     layers = _CHANGED.setdefault(id(target), _Layers(target))
     layers.begin(values)
     try:
@@ -100,7 +100,7 @@ def changed(target: object, **values: Any) -> Iterator[None]:
 
 
 class _Layers:
-    """Values of an object's attributes by overlapping faults; the newest is on top."""
+    """Values that overlapping faults give an object's attributes; the newest fault counts."""
 
     def __init__(self, target: object) -> None:
         self._target = target
@@ -108,14 +108,14 @@ class _Layers:
         self._layers: list[dict[str, Any]] = []
 
     def begin(self, layer: dict[str, Any]) -> None:
-        """Lay these values on top."""
+        """Add the values of a new fault."""
         for name in layer:
             self._sound.setdefault(name, getattr(self._target, name))
         self._layers.insert(0, layer)
         self._apply()
 
     def end(self, layer: dict[str, Any]) -> bool:
-        """Take these values away; return whether none are left."""
+        """Remove the values of a fault; return whether no fault is left."""
         self._layers = [each for each in self._layers if each is not layer]
         self._apply()
         return not self._layers
@@ -125,23 +125,23 @@ class _Layers:
             setattr(self._target, name, value)
 
 
-_CHANGED: dict[int, _Layers] = {}  # by the object's id: some cannot be keys
+_CHANGED: dict[int, _Layers] = {}  # by id() of the object, as some objects are not hashable
 
 
 @contextmanager
 def held(
     device: object, what: str, put: Callable[[], None], free: Callable[[], None]
 ) -> Iterator[Callable[[], bool]]:
-    """Hold a part of a device in place; of overlapping faults the newest one says where.
+    """Keep a part of a device in a state while the context lasts; the newest fault counts.
 
     Args:
-        device: the same object for all of them.
-        what: of the device.
-        put: holds it there.
-        free: lets it go once nobody holds it.
+        device: object of the device, the same for all its faults.
+        what: name of the part of the device.
+        put: brings the part into the state of this fault.
+        free: brings it back when no fault is left.
 
     Yields:
-        A function that tells whether this fault is the newest that holds it.
+        A function that tells whether this is the newest fault of the part.
     """
     hold = _Hold(put)
     holds = _HELD.setdefault((id(device), what), [])
@@ -164,12 +164,12 @@ class _Hold:
     put: Callable[[], None]
 
 
-_HELD: dict[tuple[int, str], list[_Hold]] = {}  # by the device's id; the newest is the last
+_HELD: dict[tuple[int, str], list[_Hold]] = {}  # by id() of the device, and part; newest last
 
 
 @contextmanager
 def goes_on(work: Coroutine[None, None, None]) -> Iterator[None]:
-    """Run an endless coroutine for as long as a fault lasts."""
+    """Run an endless coroutine while the context lasts."""
     task = asyncio.create_task(work)
     yield
     task.cancel()

@@ -1,4 +1,4 @@
-"""Pictures: lost, late, repeated, out of order, wrongly stamped, spoilt."""
+"""Faults of pictures: lost, late, repeated, out of order, wrongly stamped, spoilt."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ Settings = dict[str, Any]  # fields of CameraFaults
 
 
 def _with(settings: Callable[[float], Settings]) -> Effect:
-    """Return the fault that gives these fields of the camera's faults values of the severity."""
+    """Return a fault that sets fields of CameraFaults by its severity."""
 
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:

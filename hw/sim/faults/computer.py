@@ -1,4 +1,4 @@
-"""The companion computer: stalls, errors that nobody foresaw, the disk, signals."""
+"""Faults of the companion computer: stalls, unexpected exceptions, the disk, signals."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ def _raising(part: str, error: Exception) -> Effect:
 
 @contextmanager
 def _core_raises(bench: Bench, severity: float) -> Iterator[None]:
-    bench.computer.fail("core", OverflowError("in the core"))  # at its next step, and once
+    bench.computer.fail("core", OverflowError("in the core"))  # only once, at its next step
     yield
 
 

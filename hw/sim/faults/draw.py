@@ -1,19 +1,19 @@
-"""Random faults, one or two a flight."""
+"""Draws random faults, one or two per flight."""
 
 import math
 from random import Random
 
 from hw.sim.fault_options import FAULTS, PHASES, FaultOptions, OnsetOptions
 
-_PAIRS = 0.5  # share of flights with two,
-_TOGETHER = 0.5  # and of those, where both begin at once
+_PAIRS = 0.5  # share of flights with two faults
+_TOGETHER = 0.5  # share of these in which the second begins within _SECOND_AFTER_S of the first
 _LASTS_S = (0.2, 10.0)
 _SECOND_AFTER_S = 3.0
 _LATEST_S, _HIGHEST_M = 15.0, 3.0
 
 
 def draw_faults(seed: int) -> list[FaultOptions]:
-    """Return what goes wrong in the flight of a seed."""
+    """Return the faults of the flight with this seed."""
     rng = Random(f"{seed}:faults")
     first = _drawn(rng, _onset(rng))
     if rng.random() >= _PAIRS:
@@ -26,7 +26,7 @@ def draw_faults(seed: int) -> list[FaultOptions]:
 
 
 def as_setting(faults: list[FaultOptions]) -> str:
-    """Return them as `--set` takes them."""
+    """Return faults as an argument of `--set`."""
     inner = ", ".join(_flow(fault) for fault in faults)
     return f"sim.faults=[{inner}]"
 
@@ -60,5 +60,5 @@ def _onset(rng: Random) -> OnsetOptions:
 
 
 def _rounded(x: float) -> float:
-    """Return a number as it is printed, so that what is printed flies the same flight."""
+    """Round a number as it is printed, so that the printed faults give the same flight."""
     return round(x, 2)

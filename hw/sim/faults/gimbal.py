@@ -1,4 +1,4 @@
-"""The gimbal: silent, lost, stuck, slipping, reversed, off, late."""
+"""Faults of the gimbal: silent, lost, stuck, slipping, reversed, with an offset, late."""
 
 import asyncio
 import math
@@ -32,7 +32,7 @@ def _late(bench: Bench, severity: float) -> Iterator[None]:
 
 
 def _slip(bench: Bench, yaw: float, pitch: float) -> None:
-    """Let measured angles be off by so much more, rad."""
+    """Add these to the errors of the measured angles, rad."""
     slipped = bench.mount.slipped
     bench.mount.slipped = (slipped[0] + yaw, slipped[1] + pitch)
 
@@ -54,7 +54,7 @@ def _slipping(bench: Bench, severity: float) -> Iterator[None]:
             await asyncio.sleep(_SLIPS_EVERY_S)
             _slip(bench, 0.0, rate * _SLIPS_EVERY_S)
 
-    with goes_on(slip()):  # it stays where it has slipped to
+    with goes_on(slip()):  # the offset reached stays after the fault
         yield
 
 

@@ -1,4 +1,4 @@
-"""The link between landerd and the autopilot: cut, dead, lossy, corrupted, doubled, late."""
+"""Faults of the link to the autopilot: cut, dead, lossy, corrupted, doubled, late."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -11,7 +11,7 @@ Way = Literal["up", "down", "both"]
 
 
 def _with(way: Way, settings: Callable[[float], dict[str, Any]]) -> Effect:
-    """Return the fault that changes these of the link's faults by the severity."""
+    """Return a fault that sets fields of LinkFaults by its severity."""
 
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:

@@ -1,4 +1,4 @@
-"""The pad moves as nobody expects: it stops, starts, jerks, turns, is lifted, is carried away."""
+"""Unexpected motion of the pad: it stops, starts, jerks, turns, is lifted, is carried away."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -16,14 +16,14 @@ _UP: Vec3 = (0.0, 0.0, -1.0)
 
 
 def _speeding(t: float, speed: float, acceleration: float) -> tuple[float, float]:
-    """Return way (m) and speed (m/s) t seconds after speeding up to a speed began."""
+    """Return distance (m) and speed (m/s) t seconds after accelerating to a speed began."""
     ramp = min(t, speed / acceleration)
     v = acceleration * ramp
     return 0.5 * v * ramp + v * (t - ramp), v
 
 
 def _going(onset: float, way: Vec3, speed: float, acceleration: float) -> Disturbance:
-    """Return what lets the pad go a way (unit vector, local) besides, from a time on."""
+    """Return a disturbance: from onset (s) the pad also moves along a unit vector (local)."""
 
     def disturb(t: float, state: PadState) -> PadState:
         if t <= onset:
@@ -40,7 +40,7 @@ def _moved(state: PadState, by: Vec3, velocity: Vec3) -> PadState:
 
 
 def _stopping(onset: float, before: PadState, brake: float) -> Disturbance:
-    """Return what brakes the pad to a stand, from a time on at which it was there."""
+    """Return a disturbance: from onset (s), with the state then, the pad brakes to a stop."""
     speed = horizontal(before.velocity)
 
     def disturb(t: float, state: PadState) -> PadState:
@@ -80,7 +80,7 @@ def _turning(onset: float, end: Callable[[], float], rate: float) -> Disturbance
 
 
 def _jerking(onset: float, way: Vec3, distance: float) -> Disturbance:
-    """Return what moves the pad aside with the velocity of a half sine squared."""
+    """Return a disturbance: the pad moves aside, its speed being a sine squared over _JERK_S."""
 
     def disturb(t: float, state: PadState) -> PadState:
         if t <= onset:
@@ -106,7 +106,7 @@ def _lifting(onset: float, height: float) -> Disturbance:
 
 
 def _along(bench: Bench) -> Vec3:
-    """Return the pad's course, any if it stands, as a unit vector."""
+    """Return the pad's course as a unit vector; a random one if it stands still."""
     velocity = bench.world.pad.velocity
     if horizontal(velocity) > 0.0:
         return scale((velocity[0], velocity[1], 0.0), 1.0 / horizontal(velocity))
@@ -114,13 +114,13 @@ def _along(bench: Bench) -> Vec3:
 
 
 def _anywhere(bench: Bench) -> Vec3:
-    """Return any level direction as a unit vector."""
+    """Return a random horizontal direction as a unit vector."""
     course = bench.rng.uniform(-math.pi, math.pi)
     return (math.cos(course), math.sin(course), 0.0)
 
 
 def _once(disturbance: Callable[[Bench, float], list[Disturbance]]) -> Effect:
-    """Return the fault that disturbs the pad for good."""
+    """Return a fault whose disturbances of the pad last until the flight ends."""
 
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:

@@ -1,4 +1,4 @@
-"""The pilot, his radio, and what the autopilot decides by itself."""
+"""Acts of the pilot, faults of the radio, and what the autopilot decides by itself."""
 
 import asyncio
 import itertools
@@ -48,7 +48,7 @@ def _stuck(bench: Bench, severity: float) -> Iterator[None]:
 @contextmanager
 def _radio_lost(bench: Bench, severity: float) -> Iterator[None]:
     pilot = bench.vehicle.pilot
-    # Without his radio he selects nothing, GUIDED neither; the autopilot goes home.
+    # Without a radio the pilot selects no mode, not even GUIDED; the autopilot flies home.
     with (
         _mode_held(pilot, lambda: None),
         held(pilot, "radio", pilot.lose_radio, pilot.restore_radio),

@@ -1,4 +1,4 @@
-"""What there is to be seen: dirt, shade, decoys, a second pad, none."""
+"""Faults of the scene that the camera sees: dirt, shade, decoys, a second pad, no pad."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

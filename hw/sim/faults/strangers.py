@@ -1,4 +1,4 @@
-"""Others on the wire: noise, a second autopilot, a false ground station."""
+"""Others that send on the link: noise, a second autopilot, a false ground station."""
 
 import asyncio
 from collections.abc import Callable, Iterator, Mapping
@@ -10,12 +10,12 @@ from hw.autopilots.mavlink_codec import MavlinkCodec
 from hw.sim.faults.bench import Bench, Effect, goes_on
 
 _EVERY_S = 0.05
-_SYSTEM, _STATION = 7, 253  # neither is configured
-PARAMETERS = (b"LIM_SPEED", b"DESC_COMMIT_HGT", b"TRK_KP", b"RC_GATE_CH")  # landerd has them
+_SYSTEM, _STATION = 7, 253  # system ids of which landerd's configuration has neither
+PARAMETERS = (b"LIM_SPEED", b"DESC_COMMIT_HGT", b"TRK_KP", b"RC_GATE_CH")  # landerd's own
 
 
 def _talking(say: Callable[[Bench, MavlinkCodec, float], bytes], system: int) -> Effect:
-    """Return the fault that writes to landerd for as long as it lasts."""
+    """Return a fault that sends messages of another system to landerd while it lasts."""
 
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:

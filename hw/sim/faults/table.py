@@ -1,4 +1,4 @@
-"""What makes each fault of `hw.sim.fault_options.FAULTS` happen."""
+"""The implementation of each fault of `hw.sim.fault_options.FAULTS`, by name."""
 
 from collections.abc import Mapping
 

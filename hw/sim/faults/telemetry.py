@@ -1,4 +1,4 @@
-"""What the autopilot says: each message lost, late, frozen, biased, jumping; its clock."""
+"""Faults of telemetry: messages lost, late, frozen, biased, jumping; the autopilot's clock."""
 
 import asyncio
 import copy
@@ -16,7 +16,7 @@ from landerd.geometry import wrap
 _WRAP_S = 2.0**32 / 1e3
 _WRAPS_AFTER_S = 0.3
 _DRIFTS_EVERY_S = 0.1
-_NO_PULSE = 0xFFFF  # of a channel that the receiver does not have
+_NO_PULSE = 0xFFFF  # value of a channel that the receiver does not have
 
 _ATTITUDE: int = mavlink.MAVLINK_MSG_ID_ATTITUDE
 _POSITION: int = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
@@ -67,7 +67,7 @@ def _frozen(kind: int) -> Effect:
 
 
 def _changed(kind: int, change: Callable[[Bench, float, Message], None]) -> Effect:
-    """Return the fault that changes each message."""
+    """Return a fault that changes each message of a kind."""
 
     def tamper(bench: Bench, severity: float) -> Tamper:
         def send_changed(message: Message, send: Send) -> None:
@@ -177,7 +177,7 @@ def _stamps_wrong(bench: Bench, severity: float) -> Iterator[None]:
 
 
 def _reset(kind: int, name: str, least: float, most: float) -> Effect:
-    """Return the fault after which these fields of a message are off by as much for good."""
+    """Return a fault that shifts fields of a message by a constant until the flight ends."""
 
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
@@ -197,7 +197,7 @@ def _reset(kind: int, name: str, least: float, most: float) -> Effect:
 
 
 def _until_wrap(bench: Bench, severity: float) -> float:
-    # A clock that has wrapped already would go back, as after a restart.
+    # 0 if the clock has wrapped already: setting it back would look like a restart.
     return max(0.0, _WRAP_S - _WRAPS_AFTER_S - stand_in(bench).boot_s)
 
 
