@@ -18,19 +18,19 @@ class Cable:
 
     Attributes:
         near: landerd's end.
-        far: the autopilot's end; what the autopilot sends is written here, a message a write.
-        tampering: what becomes of messages on their way to landerd.
+        far: the autopilot's end; its messages are written here, one per write.
+        tampering: changes messages on their way to landerd.
     """
 
     def __init__(self, link: ByteLink) -> None:
-        """Link: of the autopilot."""
+        """Make one; link: the autopilot's own link."""
         self.near, self.far = memory_pair()
         self.tampering = Tampering()
         self._link = link
-        self._codec = MavlinkCodec(255, 0)  # only takes frames apart
+        self._codec = MavlinkCodec(255, 0)  # used only for decoding
 
     async def run(self) -> None:
-        """Pass on what is sent either way, for ever."""
+        """Forward bytes in both directions until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._up())
             tasks.create_task(self._down())
@@ -50,7 +50,7 @@ class Cable:
                 self.tampering.pass_on(message, partial(self._send_as, message))
 
     def _send_as(self, original: Message, message: Message) -> None:
-        """Send the original as it is, another as from its sender, with its sequence number."""
+        """Send the original unchanged, or another message with its sender and sequence number."""
         if message is original:
             self.far.write(bytes(original.get_msgbuf()))
             return

@@ -1,7 +1,7 @@
-"""A world whose vehicle is flown by a real ArduCopter in SITL, which also says where it truly is.
+"""A simulated world whose vehicle is flown, and its true state given, by ArduCopter in SITL.
 
-SIM_STATE carries the true state, but no time, and its position in steps of 1 cm: the SYSTEM_TIME
-sent with it dates it, and its velocity, which is exact, carries the position through the steps.
+SIM_STATE has the true state, but no time, and its position is in steps of 1 cm. The SYSTEM_TIME
+sent with it gives the time, and integrating its exact velocity smooths the position's steps.
 """
 
 import asyncio
@@ -25,15 +25,15 @@ from landerd.geometry import Vec3, add, rot_zyx, rotate, sub, wrap
 from landerd.pad import Plate
 from landerd.ports import ByteLink
 
-_SYSTEM, _COMPONENT = 255, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER  # of who asks for the truth
+_SYSTEM, _COMPONENT = 255, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER  # ids that request the truth
 TRUTH_HZ = 100.0
-_EXTRAPOLATION_S = 0.1  # the truth is carried on for at most this long after the last report
-_POSITION_LAG_S = 2.0  # time constant that takes out the steps of the reported position
-_JUMP_M = 1.0  # farther from where its velocity takes it the vehicle was put elsewhere
+_EXTRAPOLATION_S = 0.1  # longest extrapolation of the true state beyond the last report
+_POSITION_LAG_S = 2.0  # time constant of the filter that smooths the steps of the position
+_JUMP_M = 1.0  # at a position farther than this from the integrated one it was relocated
 _M_PER_UNIT = 0.011131884502145034  # 1e-7 degrees of latitude, as ArduPilot counts
 _FRAME_HEIGHT_M = 0.1  # from SITL's ground to the vehicle's origin where it stands
-_CONTACT_M = 0.02  # feet this near count as touching: the height comes in centimetres
-_CLEAR_M = 0.3  # so far above it the vehicle flies again
+_CONTACT_M = 0.02  # height below which a foot touches: heights are reported in centimetres
+_CLEAR_M = 0.3  # height of the feet above which the vehicle flies again
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +54,14 @@ class Truth:
 
     Attributes:
         armed: as the last HEARTBEAT said.
-        energy_j: drawn from the battery, as the autopilot counts.
-        version: of the autopilot's software; empty until it said so.
-        received: true states so far.
-        texts: what the autopilot has told the pilot.
+        energy_j: energy drawn from the battery, as the autopilot counts it.
+        version: version of the autopilot's software; empty until it is reported.
+        received: number of true states received.
+        texts: the autopilot's texts for the pilot.
     """
 
     def __init__(self, link: ByteLink, system_id: int, place: Callable[[float], float]) -> None:
-        """Place tells the loop's clock the autopilot's boot time (s); returns the loop's time."""
+        """Make one; place: reports the autopilot's boot time (s), and returns the loop's time."""
         self.armed = False
         self.energy_j = 0.0
         self.version = ""
@@ -81,7 +81,7 @@ class Truth:
         return bool(self._states)
 
     def ask(self) -> None:
-        """Ask for what is missing; call it again and again."""
+        """Request the messages that are missing; to be called repeatedly."""
         interval_us = 1e6 / TRUTH_HZ
         for message_id in (mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, mavlink.MAVLINK_MSG_ID_SIM_STATE):
             self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), interval_us)
@@ -157,7 +157,7 @@ class Truth:
         )
 
     def at(self, t: float) -> State:
-        """Return the state at time t (s, loop's clock): between reports, or a little carried on."""
+        """Return the state at loop time t (s), interpolated or briefly extrapolated."""
         states = self._states
         i = bisect_left(states, t, key=lambda s: s.t)
         if i == 0:
@@ -178,7 +178,7 @@ class Truth:
 
 
 class SitlPilot:
-    """Who flies in SITL, over a ground station; a hw.sim.stand_in.switch.Pilot."""
+    """The pilot in SITL, who acts through a ground station; a hw.sim.stand_in.switch.Pilot."""
 
     def __init__(self, station: GroundStation) -> None:
         self._station = station
@@ -189,7 +189,7 @@ class SitlPilot:
         self._selecting = asyncio.create_task(self._station.set_mode(mode))
 
     def lose_radio(self) -> None:
-        """Switch the transmitter off, the overrides that stand for its switches too."""
+        """Switch the transmitter off, and with it the overrides that replace its switches."""
         self._station.overrides = False
         self._station.set_parameter("SIM_RC_FAIL", 1.0)
 
@@ -254,7 +254,7 @@ class SitlWorld(World):
             self._touch(pad)
 
     def _touch(self, pad: PadState) -> None:
-        """Find out which feet touch, and what."""
+        """Determine which feet touch, and whether they touch the pad."""
         vehicle = self.vehicle
         R_local_body = rot_zyx(vehicle.yaw, vehicle.pitch, vehicle.roll)
         feet = [pad.in_pad(add(vehicle.position, rotate(R_local_body, f))) for f in self._feet]

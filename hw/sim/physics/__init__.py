@@ -1,1 +1,1 @@
-"""Bodies and air: vehicle, gear, gimbal, pad, wind."""
+"""Physical models: vehicle, landing gear, gimbal, pad motion, battery, wind."""

@@ -12,19 +12,20 @@ MEASURED_KG = 3.0
 class Battery:
     """Counts the energy drawn.
 
-    Hovering takes a power that goes with mass^(3/2) over the square root of the rotors' area
-    (momentum theory), the area with mass^(2/3) for one shape: mass^(7/6).
+    By momentum theory the power to hover is proportional to mass^(3/2) over the square root of the
+    rotors' area. For geometrically similar vehicles the area is proportional to mass^(2/3), so the
+    power is proportional to mass^(7/6).
     """
 
     def __init__(self, mass_kg: float = MEASURED_KG) -> None:
-        """Make a full one."""
+        """Make a full battery for a vehicle of this mass, kg."""
         self._scale = (mass_kg / MEASURED_KG) ** (7.0 / 6.0)
         self.energy_j = 0.0
         self.power_w = 0.0
         self.voltage_v = VOLTAGE_V
 
     def step(self, motors: bool, thrust: float, descent_mps: float) -> None:
-        """Go on by STEP_S; thrust is in units of the hover thrust."""
+        """Advance by STEP_S; thrust is in units of the hover thrust."""
         if motors:
             flown = thrust * HOVER_W - CLIMB_W_PER_MPS * descent_mps * min(1.0, thrust)
             self.power_w = self._scale * max(IDLE_W, flown)

@@ -19,7 +19,7 @@ _DEFLECTION_M = 0.003  # of the feet under the whole weight
 _STIFFNESS = GRAVITY / 4.0 / _DEFLECTION_M  # of one foot, (m/s^2)/m
 _DAMPING = 12.0  # of one foot, (m/s^2)/(m/s): rebounds with about a quarter of the speed
 _FRICTION = 1.0  # rubber on the plate; the thesis's pad (2.3.5) does not let feet slip
-_PLATE_DEPTH_M = 0.3  # a foot further below the plate's top than this is under the pad
+_PLATE_DEPTH_M = 0.3  # a foot deeper below the plate's top than this is under the pad, not on it
 
 _DOWN: Vec3 = (0.0, 0.0, 1.0)
 
@@ -37,11 +37,11 @@ class Reaction:
 
 @dataclass(slots=True)
 class _Press:
-    """What the springs of the touching feet do together."""
+    """Sum of the spring forces of the touching feet, per kilogram of vehicle."""
 
     feet: tuple[bool, bool, bool, bool]
     on_pad: bool
-    load: float  # m/s^2
+    load: float  # along the normal, m/s^2
     force: Vec3  # local, m/s^2
     torque: Vec3  # about the body's origin, local, m^2/s^2
     centre: Vec3  # of the touching feet, from the body's origin, local, m
@@ -140,13 +140,13 @@ class LandingGear:
 
 
 def _friction(press: _Press, grip: float, velocity: Vec3, rates: Vec3) -> Vec3 | None:
-    """Return the impulse (m/s) at the feet's centre that stops their slip; None: there is none.
+    """Return the impulse per mass (m/s) at the feet's centre that stops their slip; None: no slip.
 
     Args:
-        press: how they are pressed on.
-        grip: the largest impulse that the load allows, m/s.
-        velocity: of the body's origin after the springs, local, m/s.
-        rates: likewise, rad/s.
+        press: spring forces of the touching feet.
+        grip: largest impulse that friction allows under the load, m/s.
+        velocity: of the body's origin, after the springs' impulse, local, m/s.
+        rates: angular velocity, after the springs' impulse, local, rad/s.
     """
     slip = sub(add(velocity, cross(rates, press.centre)), press.surface_velocity)
     slip = sub(slip, scale(press.normal, dot(press.normal, slip)))

@@ -1,4 +1,4 @@
-"""A two-axis gimbal: the thesis's PID on each axis, a spring towards the centre, and the stops."""
+"""A two-axis gimbal: on each axis the thesis's PID, a spring towards the centre, and end stops."""
 
 import math
 
@@ -9,23 +9,26 @@ from landerd.messages import Reference
 
 YAW_LIMITS = (-0.5 * math.pi, 0.5 * math.pi)  # rad; thesis 2.3.3
 PITCH_LIMITS = (-math.pi, 0.0)  # rad; thesis 2.3.3
-IDLE_PITCH = -0.4  # where the thesis's gimbal waits, rad
+IDLE_PITCH = -0.4  # pitch at the start, as in the thesis, rad
 
 
 class Axis:
     """One joint: torque by PID (thesis Table 3.1) against damping, inertia and a spring to 0.
 
-    One that is given speeds follows them with a lag, and the spring slows it; a bolted one stays.
+    An axis that is given speeds follows them with a lag, and the spring slows it. A bolted axis
+    never moves.
 
     Attributes:
-        stuck: it does not move for as long as this is set.
+        stuck: while this is set the axis does not move.
     """
 
     _KP, _KI, _KD = 0.25, 0.1, 0.025
-    _INERTIA = 0.003  # with the damping below: no ringing
-    _SPRING = 0.0125  # the thesis gives none; sags 4.5 degrees at 90 until the integral acts
-    _INTEGRAL_LIMIT = 0.05  # torque
-    _SPRING_RATE = 0.1  # of the spring on an axis that is given speeds, rad/s per rad
+    _INERTIA = 0.003  # so small that with the damping below the axis does not ring
+    # The thesis does not give the spring: with this one an axis at 90 degrees sags by 4.5 degrees
+    # until the integral acts.
+    _SPRING = 0.0125
+    _INTEGRAL_LIMIT = 0.05  # largest torque of the integral
+    _SPRING_RATE = 0.1  # by which the spring slows an axis that is given speeds, rad/s per rad
 
     def __init__(
         self, angle: float, limits: tuple[float, float], lag_s: float, rate_limit: float
@@ -34,7 +37,7 @@ class Axis:
         self.rate = 0.0
         self.stuck = False
         self._low, self._high = limits
-        # Set-point and angle pass the same derivative, so damping alone makes the lag.
+        # The derivative acts on set-point and angle alike, so only the damping causes the lag.
         self._damping = self._KP * lag_s
         self._lag_s = lag_s
         self._speed: float | None = None  # ordered, rad/s; None: angles are ordered
@@ -48,16 +51,16 @@ class Axis:
         self.target = max(self._low, min(self._high, angle))
 
     def turn(self, speed: float) -> None:
-        """Take speeds from now on, rad/s."""
+        """Turn at this speed, rad/s; from then on target angles are ignored."""
         self._speed = speed
 
     def bolt(self, angle: float) -> None:
-        """Stay at this angle for ever, rad."""
+        """Fix the axis at this angle, rad."""
         self.angle = self.target = angle
         self._bolted = True
 
     def step(self) -> None:
-        """Go on by STEP_S towards target (rad), or at the ordered speed."""
+        """Advance by STEP_S, towards the target angle or at the ordered speed."""
         if self._bolted or self.stuck:
             self.rate = 0.0
             return
@@ -89,9 +92,9 @@ class GimbalPlant:
     """Yaw about body z, then pitch; angles in rad.
 
     Attributes:
-        reference: what the angles are relative to; a stabilised gimbal takes the airframe's roll
-            and pitch out.
-        R_gimbal_camera: how the camera sits on the last axis.
+        reference: what the angles are relative to; a stabilised gimbal compensates the airframe's
+            roll and pitch.
+        R_gimbal_camera: rotation from the camera's frame to that of the last axis.
     """
 
     def __init__(self, options: SimGimbalOptions) -> None:

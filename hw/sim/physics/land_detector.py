@@ -7,22 +7,22 @@ from landerd.geometry import Vec3, norm
 
 
 class LandDetector:
-    """Says ON_GROUND once the thrust has been gone for a second under an order to descend.
+    """Detects a landing once there has been no thrust for a second under an order to descend.
 
-    Unless it is landing in a mode of its own (LAND), ArduCopter keeps thrust in hand for steering
-    while a large tilt is requested, and detects no landing meanwhile: in wind, or on a fast pad,
-    that is as long as the request lasts. Nor does it ever on what is accelerated by more than
-    `STATIONARY_MPS2`.
+    Unless it is in LAND, ArduCopter reserves thrust for steering while a large tilt is requested,
+    and detects no landing meanwhile: in wind, or on a fast pad, for as long as the tilt is
+    requested. It detects none either while the vehicle accelerates by more than `STATIONARY_MPS2`.
     """
 
     _TRIGGER_S = 1.0  # LAND_DETECTOR_TRIGGER_SEC
-    _THRUST_GONE = 0.01  # of hover
+    _THRUST_GONE = 0.01  # thrust below which there is none, in units of the hover thrust
     _LARGE_ANGLE = math.radians(15.0)  # LAND_CHECK_LARGE_ANGLE_CD
     STATIONARY_MPS2 = 1.0  # LAND_DETECTOR_ACCEL_MAX
     _MOVING_MPS2 = 3.0  # LAND_CHECK_ACCEL_MOVING
     _SLOW_MPS = 1.0
     _FILTER_SHARE = STEP_S / (STEP_S + 1.0 / (2.0 * math.pi * 1.0))  # 1 Hz
-    # Throttle mix: how much thrust is kept for steering. It goes quickly up and slowly down.
+    # Throttle mix: thrust reserved for steering, in units of the hover thrust. It rises fast and
+    # falls slowly.
     _MIX_MIN, _MIX_MAX = 0.1, 0.5
     _MIX_UP, _MIX_DOWN = 2.0, 0.5  # 1/s
     _MIX_IS_MIN = 1.25 * _MIX_MIN
@@ -37,14 +37,14 @@ class LandDetector:
     def step(
         self, thrust: float, *, descending: bool, landing: bool, tilt: float, velocity: Vec3
     ) -> None:
-        """Go on by STEP_S while a foot touches.
+        """Advance by STEP_S while a foot touches.
 
         Args:
             thrust: in units of the hover thrust
-            descending: descent is ordered, or the motors are off
-            landing: in LAND
+            descending: a descent is ordered, or the motors are off
+            landing: the mode is LAND
             tilt: requested angle from level, rad
-            velocity: local, m/s
+            velocity: of the vehicle, local, m/s
         """
         if self._velocity is not None:
             k = self._FILTER_SHARE
@@ -73,7 +73,7 @@ class LandDetector:
             self._timer = 0.0
 
     def flying(self) -> None:
-        """Start again: the vehicle is clear of any surface, or takes off."""
+        """Reset the detector: the vehicle is clear of any surface, or takes off."""
         self.landed = False
         self._timer = 0.0
         self.throttle_mix = self._MIX_MIN

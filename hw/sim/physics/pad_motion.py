@@ -37,7 +37,7 @@ class PadState:
         return add(self.velocity, cross((0.0, 0.0, self.turn_rate), sub(point, self.position)))
 
     def in_pad(self, point: Vec3) -> Vec3:
-        """Return a point of local in the pad frame, m."""
+        """Return a point given in local NED (m) in the pad frame, m."""
         return rotate(transpose(self.R_local_pad), sub(point, self.position))
 
 
@@ -48,8 +48,8 @@ class PadMotion:
     """The pad's pose as a function of time since the start.
 
     Attributes:
-        disturbances: what makes it move otherwise, one after the other; each is a function of the
-            time since the start (s) and of the state without it.
+        disturbances: changes of the motion by faults, applied in turn; each is a function of the
+            time since the start (s) and of the state without it, and returns the state with it.
     """
 
     def __init__(self, options: PadOptions, plate: Plate, rng: Random) -> None:
@@ -72,9 +72,9 @@ class PadMotion:
             matmul(rot_z(downhill), rot_y(-math.radians(options.tilt_deg))), rot_z(-downhill)
         )
         self._R_straight = matmul(rot_z(self._heading), self._R_tilt)  # while it does not turn
-        # A tilted plate's north lies a little off the heading it was turned to.
+        # Seen from above, a tilted plate's north differs a little from its configured heading.
         self._north_off = heading_of((self._R_tilt[0][0], self._R_tilt[1][0], 0.0))
-        # The plate never dips into the ground: it stands as high as its lowest corner needs.
+        # The plate is raised so that its lowest corner never dips into the ground.
         lowest = max(
             rotate(self._R_tilt, (x, y, 0.0))[2]
             for x in (plate.north_m, -plate.south_m)
@@ -82,7 +82,7 @@ class PadMotion:
         )
         self.mean_height = options.height_m + options.heave_m + lowest
         self.highest = self.mean_height + options.heave_m + lowest  # of any part of the plate, m
-        self._last: tuple[float, PadState] | None = None  # asked for several times in each step
+        self._last: tuple[float, PadState] | None = None  # kept, as each step needs it repeatedly
 
     def at(self, t: float) -> PadState:
         """Return pose and motion t seconds after the start."""
@@ -129,9 +129,9 @@ class PadMotion:
         )
 
     def _rolled(self, t: float) -> tuple[float, float]:
-        """Return the time it takes at full speed to where it is at time t, s, and its speed, m/s.
+        """Return the distance driven by time t over the full speed, s, and the speed then, m/s.
 
-        It brakes to a stand along its way.
+        The pad may brake to a stop; until then the first is t itself.
         """
         braking = t - self._brake_t
         if not (self._brake and self._speed) or braking <= 0.0:

@@ -1,7 +1,8 @@
 """How an ArduCopter in GUIDED answers velocity and yaw-rate orders.
 
-Fitted to measurements of ArduCopter 4.5.7 in SITL, which `bench/step_response.py` prints beside
-ours: ArduPilot's own shaper, which limits jerk and acceleration, then the lag of the loops below.
+Fitted to measurements of ArduCopter 4.5.7 in SITL: ArduPilot's own shaper, which limits jerk and
+acceleration, then the lag of the inner loops. `bench/step_response.py` prints these measurements
+beside the model's step responses.
 """
 
 import math
@@ -15,7 +16,7 @@ MEASURED = ResponseOptions()
 
 
 class Delay:
-    """Orders on their way: those of a while ago come out."""
+    """Delays orders by a fixed number of steps."""
 
     def __init__(self, delay_s: float, order: tuple[float, ...]) -> None:
         self._orders = deque([order] * round(delay_s / STEP_S))
@@ -29,7 +30,7 @@ class Delay:
 
 
 def _sqrt_controller(error: float, gain: float, limit: float) -> float:
-    """Return ArduPilot's sqrt_controller: gain * error near zero, braking at `limit` beyond."""
+    """Return ArduPilot's sqrt_controller: gain * error near 0, beyond it braking at `limit`."""
     knee = limit / (gain * gain)
     if error > knee:
         return math.sqrt(2.0 * limit * (error - 0.5 * knee))
@@ -63,8 +64,8 @@ class HorizontalResponse:
         self._shaped = (vn, ve, 0.0, 0.0)  # velocity and acceleration as ordered, north and east
 
     def step(self, order_n: float, order_e: float) -> None:
-        """Go on by STEP_S; vn, ve (m/s) and an, ae (m/s^2) are the vehicle's then."""
-        # In local names, here as below: this runs 400 times a second of flight.
+        """Advance by STEP_S to new vn, ve (m/s) and an, ae (m/s^2) of the vehicle."""
+        # Local variables, here as below, as this runs 400 times per second of flight.
         order_n, order_e = self._delay.pass_on((order_n, order_e))
         vn, ve, an, ae = self._shaped
         error_n, error_e = order_n - vn, order_e - ve
@@ -115,7 +116,7 @@ class VerticalResponse:
         self._shaped = self._fast = self._slow = (v, 0.0)  # velocity and acceleration of each
 
     def step(self, order: float) -> None:
-        """Go on by STEP_S; v (m/s) and a (m/s^2) are the vehicle's then."""
+        """Advance by STEP_S to new v (m/s) and a (m/s^2) of the vehicle, positive down."""
         (order,) = self._delay.pass_on((order,))
         v, a = self._shaped
         most, limit = self._most_change, self._acceleration
@@ -198,7 +199,7 @@ YawResponse = MeasuredYawResponse | DampedYawResponse
 
 
 class WindResponse:
-    """How one horizontal axis fights what pushes it off its course.
+    """How the autopilot counters disturbances such as wind, on one horizontal axis.
 
     ArduCopter's position and velocity loops with its gains (PSC_POSXY_P, PSC_VELXY_P and _I; D is
     half of PSC_VELXY_D to fit) and the attitude's lag. Measured in a gust of 5 m/s from calm:
@@ -210,7 +211,7 @@ class WindResponse:
     _OMEGA, _ZETA = 12.0, 0.7
 
     def __init__(self, trim: float) -> None:
-        """Start in balance with a steady wind that needs this acceleration, m/s^2."""
+        """Start in balance with a steady wind that this acceleration (m/s^2) compensates."""
         self.a = trim
         self._jerk = 0.0
         self._position = 0.0
@@ -218,11 +219,11 @@ class WindResponse:
         self._error = self._error_slope = 0.0
 
     def step(self, drift: float, hold: bool) -> None:
-        """Go on by STEP_S; a (m/s^2) is what the vehicle sets against the wind then.
+        """Advance by STEP_S to the new acceleration a (m/s^2) against the disturbance.
 
         Args:
             drift: the vehicle's velocity minus the undisturbed one, m/s
-            hold: the integrals stand still, as ArduCopter's do at the limit of tilt
+            hold: freeze the integrals, as ArduCopter does at the limit of tilt
         """
         error = -self._POSITION_P * self._position - drift
         if not hold:

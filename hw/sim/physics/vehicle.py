@@ -1,7 +1,7 @@
 """The simulated multicopter: answers velocity and yaw-rate orders as a measured ArduCopter does.
 
-In calm air it follows hw.sim.physics.response exactly. What disturbs it (wind, turbulence, feet on
-the pad) is answered by no more tilt than ANGLE_MAX allows: beyond that it drifts.
+In calm air it follows hw.sim.physics.response exactly. Against disturbances (wind, turbulence, feet
+on the pad) it tilts by no more than ANGLE_MAX; stronger ones make it drift.
 """
 
 import math
@@ -30,24 +30,24 @@ from landerd.geometry import Vec3, add, clamp, rot_zyx, sub, wrap
 # Deceleration by the air is DRAG_1 v + DRAG_2 v^2: tilts of 11.5 degrees at 5 m/s of airspeed and
 # 28.9 at 10 m/s as measured, and in between (8.5 at 4 m/s, 14.8 at 6 m/s).
 DRAG_1, DRAG_2 = 0.257, 0.0284
-REFERENCE_KG = 3.0  # of the measured model
+REFERENCE_KG = 3.0  # mass of the measured model
 
-# From the middle of a quadrocopter of 3 kg to that of the two rotors on one side, m; and how fast
-# the thrust of hover, all on that side, turns it over, rad/s^2.
+# Lever arm from the centre of a 3 kg quadrocopter to the middle of the two rotors on one side, m;
+# and the angular acceleration by the hover thrust, all of it on that side, rad/s^2.
 _ROTOR_ARM_M = 0.2
 _TURN_OF_HOVER = GRAVITY * _ROTOR_ARM_M / GYRATION_SQUARED[0]
 
 _LEVEL = (0.0, 0.0)
 _NO_FEET = (False, False, False, False)
-_LEANS_AGAIN = 1e-3  # of what it leans less after a level attitude: below this it is over
+_LEANS_AGAIN = 1e-3  # share of the lean still missing after a level attitude that is neglected
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleModel:
-    """What differs between airframes."""
+    """The properties in which airframes differ."""
 
     angle_max: float  # rad
-    drag: float  # times the reference's
+    drag: float  # relative to the reference model's
     ground_effect: float = 0.0  # share of thrust that the ground adds to a standing vehicle
     response: ResponseOptions = MEASURED
 
@@ -65,9 +65,10 @@ MODELS: dict[Literal["reference", "fast"], VehicleModel] = {
 def vehicle_model(
     name: Literal["reference", "fast"], airframe: AirframeOptions, response: ResponseOptions
 ) -> VehicleModel:
-    """Return a model as the options change it.
+    """Return a named model with the options applied.
 
-    Air holds a light vehicle back more: area over mass goes with mass^(-1/3) for one shape.
+    Drag decelerates a light vehicle more: for geometrically similar ones area over mass is
+    proportional to mass^(-1/3).
     """
     model = MODELS[name]
     lean = airframe.angle_max_deg
@@ -84,7 +85,7 @@ class Touchdown:
     """The first contact after flight."""
 
     t: float
-    on_pad: bool  # what touched was the plate
+    on_pad: bool  # all feet that touched were on the plate
     velocity: Vec3  # of the vehicle relative to the surface just before, local, m/s
 
 
@@ -92,7 +93,7 @@ class Vehicle:
     """Position, velocity and attitude in local NED, step by step.
 
     Attributes:
-        ground_effect: None: there is none.
+        ground_effect: model of the ground effect; None: there is none.
     """
 
     _VERTICAL_P = 5.0  # PSC_VELZ_P, 1/s
@@ -100,7 +101,7 @@ class Vehicle:
     _ATTITUDE_OMEGA, _ATTITUDE_ZETA = 12.0, 0.7
     _YAW_P = 5.0  # 1/s
     _LEVELLING_S = 0.15  # ATC_INPUT_TC
-    _ON_ITS_SIDE = math.radians(70.0)  # of roll or pitch: it has fallen over
+    _ON_ITS_SIDE = math.radians(70.0)  # roll or pitch from which on it lies on its side
 
     def __init__(
         self,
@@ -128,10 +129,11 @@ class Vehicle:
         self.roll = self.pitch = self.yaw = 0.0  # rad
         self.rates: Vec3 = (0.0, 0.0, 0.0)  # body, rad/s
         self.motors = True
-        self.thrust = 1.0  # what carries the weight, of hover
-        self._throttle = 1.0  # thrust for climbing or sinking as ordered, of hover
-        self._steering = 0.0  # that steering takes, of hover
-        self.load = 1.0  # the whole thrust, of hover
+        # Thrusts, in units of the hover thrust.
+        self.thrust = 1.0  # its vertical part
+        self._throttle = 1.0  # vertical part needed to climb or sink as ordered
+        self._steering = 0.0  # part needed to steer
+        self.load = 1.0  # the whole thrust
         self.feet = (False, False, False, False)  # front left, front right, rear left, rear right
         self.on_pad = False  # at least one foot touches, and all that touch stand on the plate
         self.touchdown: Touchdown | None = None
@@ -140,10 +142,10 @@ class Vehicle:
         self._yaw_rate_order = 0.0
         self._level = self._landing = False
         self._tilt_limited = False  # the tilt is at ANGLE_MAX
-        self._levelled = 0.0  # by how much less it leans than it would, after a level attitude
-        self._integral = 0.0  # vertical: takes the thrust away on the ground, m/s^2
+        self._levelled = 0.0  # share of its lean that is missing since a level attitude was ordered
+        self._integral = 0.0  # vertical controller's, which reduces thrust on the ground, m/s^2
         self._airborne = True  # has been well clear of any surface since the last touchdown
-        # Roll and pitch are the ordered tilt plus the error that feet and free fall make.
+        # Roll and pitch are the ordered tilt plus an error caused by the feet and in free fall.
         self._tilt = (0.0, 0.0)  # ordered roll, pitch, rad
         self._error = (0.0, 0.0)  # roll, pitch, rad
         self._error_rate = (0.0, 0.0)  # rad/s
@@ -211,7 +213,7 @@ class Vehicle:
         return self._detector.landed
 
     def step(self, t: float, wind: tuple[float, float], pad: PadState | None) -> None:
-        """Go on by STEP_S.
+        """Advance by STEP_S.
 
         Args:
             t: time at the end of the step, s
@@ -276,11 +278,11 @@ class Vehicle:
         return GRAVITY * (1.0 - self.thrust)
 
     def _steering_thrust(self) -> float:
-        """Return the thrust, of hover, that steering takes, however little carries the weight.
+        """Return the thrust needed to steer, however small the throttle; in hover thrusts.
 
-        It is all on one side then. ArduCopter's mixer gives it as far as its throttle mix allows:
-        measured in SITL, half of hover from contact on while a lean of 22 degrees against the wind
-        was asked for, and a tenth 0.15 s after a level attitude was.
+        All of it is on one side. ArduCopter's mixer allows it up to the throttle mix. Measured in
+        SITL: half of the hover thrust from contact on while a lean of 22 degrees against the wind
+        was requested, and a tenth 0.15 s after a level attitude was requested.
         """
         if self._error == _LEVEL and self._error_rate == _LEVEL:
             return 0.0
@@ -288,7 +290,7 @@ class Vehicle:
         return min(wanted, self._detector.throttle_mix)
 
     def _turning(self) -> tuple[float, float]:
-        """Return the roll and pitch accelerations that bring the body to its order, rad/s^2."""
+        """Return the roll and pitch accelerations wanted to remove the tilt's error, rad/s^2."""
         omega, zeta = self._ATTITUDE_OMEGA, self._ATTITUDE_ZETA
         (roll, pitch), (roll_rate, pitch_rate) = self._error, self._error_rate
         return (
@@ -300,11 +302,11 @@ class Vehicle:
         """Return the push of the tilted thrust, north and east, m/s^2; sets the tilt."""
         response = self._horizontal
         if self._level:
-            # What steers by velocity starts afresh when it is asked for one again.
+            # The velocity controllers are reset, for the next velocity order.
             self._level_out(vn, ve)
             return self._push_of_attitude()
         wander_n, wander_e, _ = self._wander.velocity
-        # On the ground too: an order that the ground does not follow winds the integrals up.
+        # On the ground, too: a velocity order that it cannot follow winds the integrals up.
         self._wind_n.step(vn - response.vn - wander_n, self._tilt_limited)
         self._wind_e.step(ve - response.ve - wander_e, self._tilt_limited)
         drag_n, drag_e = self._drag(response.vn, response.ve)
@@ -321,7 +323,7 @@ class Vehicle:
         if self._levelled == 0.0:
             self._tilt = tilt
             return push_n, push_e
-        # It leans again as quickly as it has levelled out, and no faster.
+        # After a level attitude it leans again with the same time constant as it levelled.
         leans = 1.0 - self._levelled
         self._levelled *= 1.0 - STEP_S / self._LEVELLING_S
         if self._levelled < _LEANS_AGAIN:
@@ -345,7 +347,7 @@ class Vehicle:
         return math.atan(right / math.sqrt(1.0 + forward * forward)), -math.atan(forward)
 
     def _push_of_attitude(self) -> tuple[float, float]:
-        """Return the push of the thrust, north and east, m/s^2, in the attitude of now."""
+        """Return the thrust's horizontal acceleration in the present attitude, m/s^2, n and e."""
         up = GRAVITY * max(0.0, self.thrust)
         forward = -up * math.tan(self.pitch)
         right = up * math.tan(self.roll) / math.cos(self.pitch)
@@ -414,10 +416,10 @@ class Vehicle:
         )
 
     def _tilt_rates(self, before: tuple[float, float], feet_down: int) -> tuple[float, float]:
-        """Return how fast a changed order of the tilt turns the body, rad/s.
+        """Return the roll and pitch rates at which a changed tilt order turns the body, rad/s.
 
-        In the air it does so at once. With a foot down it is an error from then on, that the motors
-        take back against the feet as far as they can.
+        In the air the body follows the order at once. With a foot down the change becomes an error,
+        which the motors reduce against the feet as far as their thrust allows.
         """
         roll, pitch = self._tilt[0] - before[0], self._tilt[1] - before[1]
         if not feet_down:
@@ -426,7 +428,7 @@ class Vehicle:
         return _LEVEL
 
     def _turn_body(self, tilt_rates: tuple[float, float]) -> None:
-        """Take the attitude on by one step."""
+        """Advance the attitude by one step."""
         self.roll = self._tilt[0] + self._error[0]
         self.pitch = self._tilt[1] + self._error[1]
         yaw_rate = self._yaw_response.rate + self._yaw_error_rate

@@ -1,4 +1,4 @@
-"""The small movements of a vehicle that holds its place by noisy measurements."""
+"""The small movements of a hovering vehicle, which controls its position by noisy measurements."""
 
 import math
 from random import Random
@@ -11,7 +11,7 @@ _UPDATE_S = _UPDATE_STEPS * STEP_S
 
 
 class Wander:
-    """Velocity and acceleration on top of what is ordered.
+    """Velocity and acceleration added to the ordered motion.
 
     Sized for the measured hover of 30 s: position within 6 / 2 / 0.6 mm, velocity within
     6 / 2.5 / 0.6 mm/s, roll and pitch within 0.02 to 0.03 degrees (standard deviations, north /
@@ -19,9 +19,9 @@ class Wander:
     """
 
     _VELOCITY = (0.006, 0.0025, 0.0006)  # standard deviation north, east, down, m/s
-    _OMEGA, _ZETA = 1.0, 0.35  # of the swing, rad/s
-    _DRIVE_S = 1.5  # correlation time of what drives it
-    _DRIVE = 1.25  # standard deviation of the drive per velocity, 1/s
+    _OMEGA, _ZETA = 1.0, 0.35  # of the swing: angular frequency, rad/s, and damping ratio
+    _DRIVE_S = 1.5  # correlation time of the noise that drives the swing
+    _DRIVE = 1.25  # standard deviation of that noise over that of the velocity, 1/s
 
     def __init__(self, rng: Random) -> None:
         self.velocity: Vec3 = (0.0, 0.0, 0.0)  # m/s
@@ -37,7 +37,7 @@ class Wander:
         self._noise = (n * self._DRIVE * noise, e * self._DRIVE * noise, d * self._DRIVE * noise)
 
     def step(self) -> None:
-        """Go on by STEP_S."""
+        """Advance by STEP_S."""
         if self._steps_left == 0:
             self._steps_left = _UPDATE_STEPS
             self._drive_on()
@@ -50,7 +50,7 @@ class Wander:
         self.velocity = (vn + an * STEP_S, ve + ae * STEP_S, vd + ad * STEP_S)
 
     def _drive_on(self) -> None:
-        """Choose the jerk until the next update, so that acceleration has no steps."""
+        """Compute the jerk until the next update, so that the acceleration is continuous."""
         n, e, d = (self._axis(i) for i in range(3))
         self._position = (n[0], e[0], d[0])
         self._drive = (n[1], e[1], d[1])

@@ -30,9 +30,9 @@ from landerd.geometry import (
 from landerd.messages import Reference
 from landerd.pad import Plate
 
-HISTORY_S = 0.6  # of true states kept: the longest camera latency, 0.5 s, and its exposure
+HISTORY_S = 0.6  # true states kept: for the longest camera latency, 0.5 s, plus an exposure
 _WIND_STEPS = round(UPDATE_S / STEP_S)
-_FOOT_DROP_M = 0.4  # that a foot may hang below the gear's height when the body tilts
+_FOOT_DROP_M = 0.4  # how far below the gear's height a foot may be when the body tilts
 
 
 class Airframe(Protocol):
@@ -40,20 +40,20 @@ class Airframe(Protocol):
 
     @property
     def camera_offset_m(self) -> Vec3:
-        """From the body frame's origin to the gimbal's pivot, body, m."""
+        """Vector from the body frame's origin to the gimbal's pivot, body frame, m."""
 
     @property
     def gear_height_m(self) -> float:
-        """From the origin down to the feet, m."""
+        """Distance from the origin down to the feet, m."""
 
     @property
     def footprint_m(self) -> tuple[float, float]:
-        """Between the feet along body x and y, m."""
+        """Distances between the feet along body x and y, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class BuiltAirframe:
-    """The vehicle as it was built."""
+    """The true geometry of the vehicle."""
 
     camera_offset_m: Vec3
     gear_height_m: float
@@ -61,7 +61,7 @@ class BuiltAirframe:
 
 
 def as_built(believed: Airframe, options: BuildOptions) -> Airframe:
-    """Return the true geometry of a vehicle that the configuration has like this."""
+    """Return a vehicle's true geometry: the configured one plus the options' errors."""
     return BuiltAirframe(
         add(believed.camera_offset_m, options.camera_offset_error_m),
         believed.gear_height_m + options.gear_height_error_m,
@@ -83,15 +83,17 @@ class Sample(NamedTuple):  # made at every step: a frozen dataclass takes three 
 
 
 def stream(seed: int, name: str) -> Random:
-    """Return the random numbers of one part of the world; other parts do not disturb them."""
+    """Return the random numbers of one part of the world, independent of the other parts'."""
     return Random(f"{seed}:{name}")
 
 
 class World:
-    """Everything that is true. Times are the event loop's; devices call `advance` first.
+    """The true state of the simulated world.
+
+    Times are the event loop's. The devices call `advance` before they read the state.
 
     Attributes:
-        gust: what blows on top of the wind, north and east, m/s.
+        gust: velocity added to the wind, north and east, m/s.
     """
 
     def __init__(
@@ -100,11 +102,11 @@ class World:
         """Put the vehicle into a hover at the start position.
 
         Args:
-            options: the world
+            options: options of the simulated world
             airframe: geometry of the vehicle
             plate: outline of the pad
-            seed: of all that is random
-            t0: time on the event loop's clock now, s
+            seed: seed of all random numbers
+            t0: present time of the event loop, s
         """
         self.options = options
         self.on_step: list[Callable[[World], None]] = []
@@ -124,7 +126,7 @@ class World:
             gear,
             stream(seed, "vehicle"),
         )
-        # Feet of a vehicle whose origin is higher than this cannot touch anything.
+        # While the vehicle's origin is higher than this, its feet cannot touch anything.
         self._contact_height = self._motion.highest + airframe.gear_height_m + _FOOT_DROP_M
         self._start(stream(seed, "start"), seed)
         self._history: deque[Sample] = deque(maxlen=round(HISTORY_S / STEP_S) + 1)
@@ -157,16 +159,16 @@ class World:
 
     @property
     def t(self) -> float:
-        """The time the world has reached, s; never more than one step before `advance`'s."""
+        """The time that the world has reached, s; less than one step before that of `advance`."""
         return self._t0 + self.elapsed_s
 
     @property
     def elapsed_s(self) -> float:
-        """The time since the start, by which the pad moves, s."""
+        """The time since the start, s, of which the pad's motion is a function."""
         return self._steps * STEP_S
 
     def advance(self, t: float) -> None:
-        """Let the world go on to time t; a time already passed changes nothing."""
+        """Advance the world to time t, s; a time in the past changes nothing."""
         target = math.floor((t - self._t0) / STEP_S + 1e-6)
         while self._steps < target:
             if self._steps % _WIND_STEPS == 0:
@@ -180,16 +182,16 @@ class World:
                 hook(self)
 
     def is_above(self, height_m: float) -> bool:
-        """Tell whether the feet are surely higher over the plate than this, however it moves.
+        """Tell whether the feet are certainly higher over the plate than this, wherever it is.
 
-        Asked at each step: to work out where the pad is takes far longer.
+        It is cheap enough for every step; computing the pad's position takes far longer.
         """
         if self._motion.disturbances:  # which may lift the pad
             return False
         return -self.vehicle.position[2] - height_m >= self._contact_height
 
     def _move(self, pad: PadState | None) -> None:
-        """Take vehicle and battery on by one step; pad: None while the vehicle is high above."""
+        """Advance vehicle and battery by one step; pad: None while the vehicle is high above."""
         vehicle = self.vehicle
         vehicle.step(self.t, self._wind_now, pad)
         self.battery.step(vehicle.motors, vehicle.load, vehicle.velocity[2])
@@ -235,13 +237,13 @@ class World:
 
     @property
     def offset(self) -> tuple[float, float]:
-        """From the landing point to the footprint's centre, north and east, m."""
+        """Offset of the footprint's centre from the landing point, north and east, m."""
         d = sub(self.footprint_centre, self.pad.position)
         return d[0], d[1]
 
     @property
     def relative_velocity(self) -> Vec3:
-        """Of the vehicle against the plate under it, local, m/s."""
+        """Velocity of the vehicle relative to the plate under it, local, m/s."""
         return sub(self.vehicle.velocity, self.pad.velocity_at(self.footprint_centre))
 
     @property
@@ -262,7 +264,7 @@ class World:
         newer = len(self._history) - 1 - int(back)
         share = back - int(back)
         if newer - (share > 0.0) < 0:
-            if self._steps * STEP_S < HISTORY_S:  # before the start it hovered there
+            if self._steps * STEP_S < HISTORY_S:  # before the start the vehicle hovered there
                 return self._history[0]
             raise ValueError(f"the world at {t:.3f} s is forgotten, it is {self.t:.3f} s now")
         b = self._history[newer]
@@ -281,11 +283,11 @@ class World:
         )
 
     def disturb_pad(self, disturbance: Disturbance) -> None:
-        """Let the pad move otherwise from now on; times are those since the start."""
+        """Add a disturbance of the pad's motion; its times count from the start, s."""
         self._motion.disturbances.append(disturbance)
 
     def snapshot(self, t: float) -> Snapshot:
-        """Return what a picture taken at time t shows; t lies within HISTORY_S before now.
+        """Return the poses that a picture of time t (s) shows; t is within the last HISTORY_S.
 
         Raises:
             ValueError: t is older than that.

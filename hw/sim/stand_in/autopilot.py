@@ -1,7 +1,7 @@
-"""The autopilot stand-in: MAVLink 2 around `hw.sim.stand_in.copter`, on any number of links.
+"""The simulated autopilot: MAVLink 2 around `hw.sim.stand_in.copter`, on any number of links.
 
-Streams, acknowledgements and refusals are those measured of ArduCopter 4.5. Messages that are not
-for the autopilot alone are passed on to the other links, as ArduPilot routes them.
+Streams, acknowledgements and refusals are as measured with ArduCopter 4.5. Messages that are not
+addressed to the autopilot alone are forwarded to the other links, as ArduPilot does.
 """
 
 import asyncio
@@ -35,8 +35,8 @@ _GROUND_STATION = 255  # SYSID_MYGCS
 _TICK_S = 0.01
 _REOPEN_S = 0.1
 _ACK_DELAY_S = (0.001, 0.006)
-_LOOP_DELAY_S = (0.0, 0.0025)  # until the 400 Hz main loop looks at a received message
-_HEARTBEAT_PERIOD_S = 1.0  # until another is asked for
+_LOOP_DELAY_S = (0.0, 0.0025)  # range of the delay until the 400 Hz main loop reads a message
+_HEARTBEAT_PERIOD_S = 1.0  # until another rate is requested
 _TIMESYNC_PERIOD_S = 10.0
 _STATES = (mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
 DEFAULTS = AutopilotOptions()
@@ -48,7 +48,7 @@ _FAILED: int = mavlink.MAV_RESULT_FAILED
 
 
 class World(Protocol):
-    """The simulated world as far as the autopilot moves it."""
+    """The part of the simulated world that the autopilot uses."""
 
     @property
     def vehicle(self) -> Vehicle: ...  # noqa: D102
@@ -56,14 +56,14 @@ class World(Protocol):
     def battery(self) -> Battery: ...  # noqa: D102
 
     def advance(self, t: float) -> None:
-        """Move the world on to this time, s."""
+        """Advance the world to this time, s."""
 
 
 class Estimator(Protocol):
-    """Where the autopilot takes its own state from."""
+    """The source of the autopilot's estimate of its own state."""
 
     def estimate(self, t: float) -> Estimate:
-        """Return what it takes its state to be at this time, s."""
+        """Return the estimated state at this time, s."""
         ...
 
 
@@ -80,11 +80,11 @@ class Mount(Protocol):
         ...
 
     def message(self, message: Message, t: float) -> None:
-        """See any other message."""
+        """Take any message that is not a command."""
 
 
 class _Channel:
-    """One link, with the streams asked for on it."""
+    """One link, with the streams requested on it."""
 
     def __init__(self, link: ByteLink, system: int) -> None:
         self.link = link
@@ -101,9 +101,9 @@ class SimAutopilot:
     Attributes:
         copter: the flight code.
         pilot: the pilot's radio.
-        mute: ids of messages that it is to withhold, a fault to fly with.
-        tampering: what becomes of messages on their way out, another fault.
-        parameters: what it answers when asked for one by name.
+        mute: ids of messages that it does not send; a fault.
+        tampering: changes messages before they are sent; a fault.
+        parameters: values of its parameters by name, for requests.
     """
 
     def __init__(
@@ -118,10 +118,10 @@ class SimAutopilot:
         options: AutopilotOptions = DEFAULTS,
         system_id: int = 1,
     ) -> None:
-        """Make it; flying: starts armed, in LOITER."""
+        """Make one; flying: it starts armed, in LOITER."""
         self.mute: set[int] = set()
         self.tampering = Tampering()
-        self.parameters = {  # those it is asked for
+        self.parameters = {  # only those that landerd requests
             "GUID_TIMEOUT": parameters.guid_timeout_s,
             "WPNAV_ACCEL": 100.0 * parameters.wpnav_accel_mps2,
             "WPNAV_ACCEL_Z": 100.0 * parameters.wpnav_accel_z_mps2,
@@ -157,13 +157,13 @@ class SimAutopilot:
         }
 
     def attach(self, mount: Mount) -> None:
-        """Let it drive a gimbal."""
+        """Connect a gimbal that the autopilot drives."""
         self._mount = mount
         for message_id, make in mount.streams.items():
             self._streams[message_id] = partial(self._of_mount, make)
 
     async def run(self) -> None:
-        """Fly and serve the links, for ever."""
+        """Fly and serve the links until cancelled."""
         t = asyncio.get_running_loop().time()
         self._booted_at = t - self._options.boot_age_s
         self._estimate = self._ekf.estimate(t)
@@ -173,18 +173,18 @@ class SimAutopilot:
             tasks.create_task(self._tick())
 
     def reboot(self) -> None:
-        """Restart as after a watchdog reset in flight: boot time from zero, streams forgotten."""
+        """Restart as after a watchdog reset in flight: boot time 0, no streams requested."""
         self._booted_at = asyncio.get_running_loop().time()
         for channel in self._channels:
             channel.streams.clear()
 
     @property
     def boot_s(self) -> float:
-        """Its clock since boot, s."""
+        """Its time since boot, s."""
         return asyncio.get_running_loop().time() - self._booted_at
 
     def shift_clock(self, ahead_s: float) -> None:
-        """Set its clock since boot ahead; back if negative."""
+        """Add ahead_s to its time since boot."""
         self._booted_at -= ahead_s
 
     async def _serve(self, channel: _Channel) -> None:

@@ -1,8 +1,8 @@
-"""ArduCopter's flight code as far as landerd meets it: modes, arming, GUIDED, landing.
+"""A model of the parts of ArduCopter's flight code that landerd uses: modes, arming, GUIDED, LAND.
 
-It behaves as ArduCopter 4.5 was measured to. LOITER and STABILIZE only hold: sticks are not
-modelled. RTL climbs, flies home, which is the local origin, and holds there. A position target's
-velocity and a yaw angle are ignored.
+It behaves as measured with ArduCopter 4.5. Sticks are not modelled: LOITER and STABILIZE only hold
+the position. RTL climbs, flies home (the local origin) and holds there. The velocity of a position
+target and yaw angles are ignored.
 """
 
 import math
@@ -22,13 +22,13 @@ _ARMABLE = (Mode.STABILIZE, Mode.GUIDED, Mode.LOITER)
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _SPOOL_UP_S = 1.5  # from NAV_TAKEOFF to lift-off
 _REACHED_M = 0.1
-_LAND_HIGH_M = 10.0  # above this LAND descends faster (LAND_ALT_LOW)
-_LAND_DISARM_S = 0.5  # from landed to disarmed in LAND
+_LAND_HIGH_M = 10.0  # height above which LAND descends faster (LAND_ALT_LOW)
+_LAND_DISARM_S = 0.5  # time from landed to disarmed in LAND
 _RADIO_FAILSAFE_S = 1.0
-_RTL_CLIMBS_M = 1.0  # this far below its height RTL still only climbs
-_NEAREST_COURSE_M = 5.0  # the nose is not turned towards a position target nearer than this,
-_SLOWEST_COURSE_MPS = 0.9  # nor into a course flown slower than this
-_BRAKING = 0.5  # share of the acceleration used to stop at a target: the vehicle lags
+_RTL_CLIMBS_M = 1.0  # farther than this below its return height, RTL only climbs
+_NEAREST_COURSE_M = 5.0  # the nose is not turned towards a position target nearer than this
+_SLOWEST_COURSE_MPS = 0.9  # the nose is not turned into a course flown slower than this
+_BRAKING = 0.5  # share of the acceleration with which it brakes for a target, as the vehicle lags
 _YAW_RATE_LIMIT = math.radians(60.0)  # ATC_SLEW_YAW
 
 
@@ -47,8 +47,8 @@ class CopterParameters:
     psc_jerk_z_mps3: float = 5.0
     atc_input_tc_s: float = 0.15  # ATC_INPUT_TC
     land_speed_mps: float = 0.5  # LAND_SPEED
-    rtl_alt_m: float = 15.0  # RTL_ALT, over home
-    wp_yaw_behavior: int = 2  # 0: never turn by itself; 2: the nose into the course
+    rtl_alt_m: float = 15.0  # RTL_ALT, height over home
+    wp_yaw_behavior: int = 2  # 0: the nose keeps its heading; 2: it turns into the course
 
 
 ARDUPILOT_DEFAULTS = CopterParameters()
@@ -65,17 +65,17 @@ class Vehicle(Protocol):
     def order(
         self, velocity: Vec3, yaw_rate: float, *, level: bool = False, landing: bool = False
     ) -> None:
-        """Fly this velocity (local NED, m/s) and yaw rate (rad/s); a climb takes off.
+        """Fly a velocity and a yaw rate from now on; a climb takes off.
 
         Args:
             velocity: local NED, m/s
             yaw_rate: rad/s
-            level: a level attitude, whatever the horizontal velocity
-            landing: in LAND
+            level: keep a level attitude and ignore the horizontal velocity
+            landing: the mode is LAND
         """
 
     def motors_on(self) -> None:
-        """Let the motors turn."""
+        """Start the motors."""
 
     def motors_off(self) -> None:
         """Stop the motors."""

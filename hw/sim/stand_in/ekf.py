@@ -1,4 +1,4 @@
-"""The autopilot's own estimate of its state: the truth, late, noisy and biased."""
+"""The autopilot's estimate of its state: the true state with delay, noise and bias."""
 
 import math
 from random import Random
@@ -10,7 +10,7 @@ from landerd.geometry import Vec3, add, wrap
 
 
 class Estimate(NamedTuple):
-    """What the EKF says at one time, local NED."""
+    """The estimated state at one time, local NED."""
 
     t: float  # of validity as the autopilot states it, s
     position: Vec3  # m
@@ -22,18 +22,18 @@ class Estimate(NamedTuple):
 
 
 class Ekf:
-    """An EKF's output without the filter.
+    """Models the output of an EKF by adding errors to the true state; there is no filter.
 
-    Heights over the local origin are off by the barometer's scale, velocities by a constant bias.
-    Where the options say so, level positions wander and jump, and the heading is off and drifts.
+    Heights over the local origin have the barometer's scale error, velocities a constant bias. If
+    so configured, horizontal positions wander and jump, and the heading has an error that drifts.
 
     Attributes:
-        velocity_bias: local, m/s.
-        height_scale: heights over the local origin come out so many times too large.
+        velocity_bias: error of the velocity, local, m/s.
+        height_scale: estimated height over the local origin divided by the true one.
     """
 
     def __init__(self, world: World, options: EkfOptions, rng: Random) -> None:
-        """Draw the errors that stay for the flight."""
+        """Draw the errors that are constant during the flight."""
         self._world = world
         self._options = options
         self._rng = rng
@@ -51,7 +51,7 @@ class Ekf:
         self._began = world.t
 
     def estimate(self, t: float) -> Estimate:
-        """Return what the autopilot takes its state to be at time t, s."""
+        """Return the autopilot's estimated state at time t, s."""
         options, rng = self._options, self._rng
         self._world.advance(t)
         s = self._world.state_at(t - options.delay_s)
@@ -77,7 +77,7 @@ class Ekf:
 
 
 class PositionDrift:
-    """The level position as GPS moves it: a random walk, and a jump now and then."""
+    """The horizontal position's error by GPS: a random walk with occasional jumps."""
 
     UPDATE_S = 0.2  # a GPS's five fixes a second
 
@@ -90,7 +90,7 @@ class PositionDrift:
         self._due: float | None = None
 
     def at(self, t: float) -> tuple[float, float]:
-        """Return the error north and east, m, at time t (s), which never goes back."""
+        """Return the error north and east (m) at time t (s), which must not decrease."""
         if self._due is None:
             self._due = t
         while t >= self._due:

@@ -1,4 +1,4 @@
-"""A fake ground station that brings the vehicle towards the pad, and then only listens."""
+"""A simulated ground station that sends the vehicle towards the pad, and then only listens."""
 
 import asyncio
 import math
@@ -16,12 +16,12 @@ _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _POSITION_ONLY = 3576  # type_mask
 _POSITION_AND_YAW = 2552
 _ACK_TIMEOUT_S = 1.0
-_RC_PERIOD_S = 0.5  # ArduPilot takes an override back after 3 s
-_FIRST_LATE_CHANNEL = 9  # from here on 0 leaves a channel alone, below 65535 does
+_RC_PERIOD_S = 0.5  # interval of overrides: ArduPilot drops one after 3 s
+_FIRST_LATE_CHANNEL = 9  # from this channel on 0 means "no change", below it 65535 does
 _LAST_CHANNEL = 18
-# It hovers at a place this near to it, this slow, and headed this well (rad).
+# The vehicle hovers at a place if distance, speed and heading error (rad) are less than these.
 _ARRIVED_M, _STANDSTILL_MPS, _ALIGNED = 0.5, 0.1, math.radians(3.0)
-_STUCK_S = 10.0  # standing there armed, in LAND, it is disarmed by force
+_STUCK_S = 10.0  # a vehicle that has stood armed in LAND for this long is disarmed by force
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Text:
     """A STATUSTEXT as the pilot sees it."""
 
     t: float
-    component: int  # 1 the autopilot, 191 landerd
+    component: int  # MAVLink component: 1 is the autopilot, 191 is landerd
     text: str
 
 
@@ -38,7 +38,7 @@ class GroundStation:
 
     Attributes:
         texts: all STATUSTEXTs of the vehicle, oldest first.
-        overrides: it says the overridden channels again and again.
+        overrides: whether it repeats the overrides of channels.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class GroundStation:
         speed_mps: float | None = None,
         system_id: int = 1,
     ) -> None:
-        """Destination: local NED, m; None: stay. Speed: on the way; None: the autopilot's own."""
+        """Make one; destination: local NED, m; None: stay. Speed: None: the autopilot's own."""
         self.texts: list[Text] = []
         self.overrides = True
         self._link = link
@@ -66,13 +66,13 @@ class GroundStation:
         self._yaw = 0.0
 
     async def run(self) -> None:
-        """Serve the link, for ever. Raises DeviceLost (in an ExceptionGroup)."""
+        """Serve the link until cancelled. Raises DeviceLost (in an ExceptionGroup)."""
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self.serve())
             tasks.create_task(self._send_off())
 
     async def serve(self) -> None:
-        """Serve the link without any order, for ever. Raises DeviceLost (in an ExceptionGroup)."""
+        """Serve the link until cancelled, without orders. Raises DeviceLost (in a group)."""
         await self._link.open()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._listen())
@@ -100,11 +100,11 @@ class GroundStation:
             mavlink.MAV_CMD_DO_CHANGE_SPEED,
             float(mavlink.SPEED_TYPE_GROUNDSPEED),
             speed_mps,
-            -1.0,  # the throttle stays
+            -1.0,  # throttle: no change
         )
 
     async def take_off(self, height_m: float) -> None:
-        """Arm and take off in GUIDED; returns in the air, for any set-point before cancels it."""
+        """Arm and take off in GUIDED; return in the air, as earlier set-points would cancel it."""
         self._in_air.clear()
         extended = mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
         await self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(extended), 2e5)
@@ -113,7 +113,7 @@ class GroundStation:
         await self._in_air.wait()
 
     async def bring_to(self, position: Vec3, heading: float) -> None:
-        """Fly to a place (local NED, m; heading in rad); returns when hovering there."""
+        """Fly to a place (local NED, m; heading in rad); return when it hovers there."""
         for kind in (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE):
             await self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind), 2e4)
         while not self._hovers_at(position, heading):
@@ -132,7 +132,7 @@ class GroundStation:
         )
 
     async def put_down(self) -> None:
-        """Bring an armed vehicle to the ground with its motors off, by force if it must be."""
+        """Land and disarm an armed vehicle, by force if necessary."""
         loop = asyncio.get_running_loop()
         if self._armed:
             await self.set_mode(Mode.LAND)
@@ -199,7 +199,7 @@ class GroundStation:
             await asyncio.sleep(1.0)
 
     async def _send_off(self) -> None:
-        """Bring the vehicle on its way."""
+        """Set GUIDED and the speed, and send the vehicle to its destination."""
         await self.set_mode(Mode.GUIDED)
         if self._speed_mps is not None:
             await self.set_speed(self._speed_mps)

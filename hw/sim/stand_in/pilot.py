@@ -2,7 +2,7 @@
 
 import math
 
-_CHANNELS = 18  # of RC_CHANNELS
+_CHANNELS = 18  # number of channels in RC_CHANNELS
 _OVERRIDE_TIME_S = 3.0  # RC_OVERRIDE_TIME
 _THROTTLE_LOW_US = 1100
 
@@ -10,15 +10,15 @@ _THROTTLE_LOW_US = 1100
 class PilotRadio:
     """Channels set by a pilot, and a ground station's overrides on top of them.
 
-    Sticks are centred but for the throttle, which is low as in ArduPilot's SITL; switches are off.
+    Sticks are centred except the throttle, which is low as in ArduPilot's SITL; switches are off.
 
     Attributes:
-        lost: the receiver hears nothing; the last pulses are held.
-        overridden_t: when the last override came, s; any counts as heard of the radio.
+        lost: the receiver has no signal and holds the last pulses.
+        overridden_t: when the last override came, s; any override counts as a radio signal.
     """
 
     def __init__(self, count: int = 16) -> None:
-        """Count: of the receiver's channels; those beyond it carry overrides, or 0."""
+        """Make one; count: of the receiver's channels; those beyond have overrides, or 0."""
         self.lost = False
         self.overridden_t = -math.inf
         self._pulses = [1500, 1500, 1000, 1500] + [1000] * (count - 4) + [0] * (_CHANNELS - count)
@@ -39,8 +39,8 @@ class PilotRadio:
     def override(self, raw: tuple[int, ...], t: float) -> None:
         """Take the fields of an RC_CHANNELS_OVERRIDE, channel 1 first.
 
-        65535 leaves a channel as it is. Up to channel 8, 0 releases it; above, 0 leaves it and
-        65534 releases it.
+        65535 leaves a channel unchanged. Up to channel 8, 0 ends its override; above channel 8, 0
+        leaves it unchanged and 65534 ends its override.
         """
         self.overridden_t = t
         for channel, us in enumerate(raw[:_CHANNELS], start=1):

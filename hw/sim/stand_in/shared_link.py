@@ -10,13 +10,13 @@ from landerd.ports import ByteLink
 
 
 class SharedLink:
-    """landerd's end, a ByteLink: the real link, with others listening.
+    """landerd's end, a ByteLink: the real link, to which others listen, too.
 
-    What arrives reaches the others while landerd's end is being read.
+    The others get the bytes that arrive only while landerd's end is being read.
 
     Attributes:
-        tap: called with (loop time in s, bytes) for what landerd writes.
-        heard: called likewise for each whole message that arrives.
+        tap: called with (loop time in s, bytes) for bytes that landerd writes.
+        heard: called with the same for each whole message that arrives.
         listeners: called with each message that arrives, before landerd gets its bytes.
     """
 
@@ -25,7 +25,7 @@ class SharedLink:
         self.heard: Tap | None = None
         self.listeners: list[Callable[[Message], None]] = []
         self._link = link
-        self._codec = MavlinkCodec(255, 0)  # only takes frames apart
+        self._codec = MavlinkCodec(255, 0)  # used only for decoding
         self._sides: list[_Side] = []
 
     async def open(self) -> None:
@@ -57,14 +57,14 @@ class SharedLink:
         await self._link.close()
 
     def side(self) -> ByteLink:
-        """Return one more end: it writes to the link and gets a copy of what arrives."""
+        """Return a further end: it writes to the link and gets a copy of the bytes that arrive."""
         side = _Side(self._link)
         self._sides.append(side)
         return side
 
 
 class _Side:
-    """An end that follows the shared link's opening and closing, and does neither."""
+    """A further end, which is open while the shared link is, and cannot open or close it."""
 
     def __init__(self, link: ByteLink) -> None:
         self.inbox = Inbox()

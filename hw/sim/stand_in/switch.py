@@ -6,17 +6,17 @@ from typing import Protocol
 
 from hw.autopilots.arducopter import Mode
 
-OVERRIDE_S = 0.5  # an override is said again: ArduPilot forgets it after 3 s
-HIGH_US, _LOW_US = 1900, 1100  # the switch's ends
-_REACTS_S = 1.0  # from a line on the screen to a hand that moves, and to the next move
+OVERRIDE_S = 0.5  # interval at which an override is repeated: ArduPilot drops it after 3 s
+HIGH_US, _LOW_US = 1900, 1100  # pulse widths at the switch's ends
+_REACTS_S = 1.0  # the pilot's delay from a line on the screen to a move, and between two moves
 _LOOKS_S = 0.2
-_TRIES = 3  # so often he lets landerd try again
-_TOLD = ("take over", "low, then high")  # what asks him for the switch
-_OVER = "told to stop"  # landerd ends: he flies by hand
+_TRIES = 3  # how many times the pilot lets landerd try again
+_TOLD = ("take over", "low, then high")  # parts of lines that ask the pilot to move the switch
+_OVER = "told to stop"  # part of the line with which landerd ends: the pilot flies by hand
 
 
 class Pilot(Protocol):
-    """What a pilot has besides the switch."""
+    """The pilot's controls besides the switch."""
 
     def select(self, mode: Mode) -> None:
         """Select a mode of the autopilot."""
@@ -29,14 +29,14 @@ class Pilot(Protocol):
 
 
 class GateSwitch:
-    """The switch, by the radio, or where that has none, by a ground station's override.
+    """The pilot's switch on the radio, or, if the radio has none, a ground station's override.
 
     Attributes:
-        stuck: it stays as it is, whatever the pilot does.
+        stuck: while set, it does not move, whatever the pilot does.
     """
 
     def __init__(self, put: Callable[[int], None], *, fades: bool) -> None:
-        """Put brings the channel to a pulse width (us); fades: and for a few seconds only."""
+        """Make one; put: sets the channel's pulse width, us; fades: it lasts only some seconds."""
         self.stuck = False
         self._put = put
         self._fades = fades
@@ -54,26 +54,26 @@ class GateSwitch:
         self._put(us)
 
     async def run(self) -> None:
-        """Say an override again and again, for ever."""
+        """Repeat an override until cancelled."""
         while self._fades:
             self._put(self._us)
             await asyncio.sleep(OVERRIDE_S)
 
 
 class ObedientPilot:
-    """Lowers and raises the switch where landerd asks for it, and selects GUIDED again."""
+    """Lowers and raises the switch when landerd asks for it, and selects GUIDED again."""
 
     def __init__(
         self, switch: GateSwitch, pilot: Pilot, screen: Callable[[], Sequence[str]]
     ) -> None:
-        """Screen returns all lines of landerd's that he has been shown."""
+        """Make one; screen: returns all lines of landerd's shown to the pilot so far."""
         self._switch = switch
         self._pilot = pilot
         self._screen = screen
         self._read = 0
 
     async def run(self) -> None:
-        """Watch the screen for ever."""
+        """Watch the screen and react, _TRIES times."""
         for _ in range(_TRIES):
             while not self._asked():
                 await asyncio.sleep(_LOOKS_S)

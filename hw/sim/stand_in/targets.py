@@ -12,9 +12,9 @@ from landerd.geometry import Vec3, add, clamp, is_finite, rot_z, rotate
 # Targets beyond these are malformed.
 _FARTHEST_M = 1e6
 _FASTEST_MPS = 1e3
-_LEVEL = 1e-3  # a quaternion's x and y that are less count as level
+_LEVEL = 1e-3  # an attitude is level if its quaternion's x and y are smaller than this
 
-# type_mask of SET_POSITION_TARGET_LOCAL_NED: one bit of a group ignores the group
+# type_mask of SET_POSITION_TARGET_LOCAL_NED: any bit of a group makes it ignore the whole group
 _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_ACCELERATION = 0x007, 0x038, 0x1C0
 _IGNORE_YAW_RATE = 0x800
 _IGNORE_ATTITUDE_OR_THRUST: int = (
@@ -29,7 +29,7 @@ _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
 def take_attitude_target(copter: Copter, m: Message, t: float) -> None:
     """Fly a SET_ATTITUDE_TARGET that came at t (s), or ignore it.
 
-    Only level ones are modelled, with the thrust for a climb rate (GUID_OPTIONS 0).
+    Only level attitudes are modelled, with the thrust as a climb rate (GUID_OPTIONS 0).
     """
     is_level = is_finite((m.q[1], m.q[2], m.thrust)) and math.hypot(m.q[1], m.q[2]) <= _LEVEL
     if is_level and not m.type_mask & _IGNORE_ATTITUDE_OR_THRUST:
@@ -39,7 +39,7 @@ def take_attitude_target(copter: Copter, m: Message, t: float) -> None:
 def take_position_target(copter: Copter, m: Message, estimate: Estimate, t: float) -> None:
     """Fly a SET_POSITION_TARGET_LOCAL_NED that came at t (s); a malformed one is an order to stop.
 
-    A target in a frame of the body, or off from where the vehicle is, is placed by the estimate.
+    A target in a body frame, or relative to the vehicle's position, is converted by the estimate.
     """
     if m.coordinate_frame == mavlink.MAV_FRAME_BODY_FRD:
         return
