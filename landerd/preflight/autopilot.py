@@ -20,31 +20,33 @@ from landerd.preflight.finding import Finding
 from landerd.preflight.link import GARBLED, NO_LINK, SILENT, link_kind
 from landerd.preflight.parameters import asked_parameters, parameter_findings
 
-AUTOPILOT_S = 6.0  # how long it is listened to
-CLOCK_S = 0.01  # warned of from here on: at 30 degrees a second 0.3 degrees of attitude
-PARAMETER_S = 1.0  # until a parameter is asked for again
+AUTOPILOT_S = 6.0  # for how long its messages are received
+# Uncertainty of its clock from which on there is a warning: at a turn of 30 degrees a second it is
+# 0.3 degrees of attitude.
+CLOCK_S = 0.01
+PARAMETER_S = 1.0  # interval at which an unanswered request of a parameter is repeated
 
 
 class AutopilotCheck:
-    """Hears an autopilot for a while and says what it found.
+    """Receives an autopilot's messages for a while and returns findings on it.
 
     Attributes:
-        disarmed: the last heartbeat said so; False while there was none.
+        disarmed: whether the last heartbeat said so; False before the first.
     """
 
     def __init__(self, config: Config, strangers: Mapping[str, int]) -> None:
-        """Strangers: see Devices."""
+        """Make one; strangers: see Devices."""
         self.disarmed = False
         self._config = config
         self._strangers = strangers
         self._got: list[tuple[float, AutopilotMessage]] = []
 
     async def run(self, autopilot: Autopilot, others: asyncio.Event) -> list[Finding]:
-        """Return what is found; opens and closes the link.
+        """Open the link, receive, close it, and return the findings.
 
         Args:
-            autopilot: closed.
-            others: set when the link is no longer needed: a gimbal may be behind it.
+            autopilot: the driver, not open.
+            others: set when others no longer need the link, as a gimbal behind the autopilot does.
         """
         names = asked_parameters(self._config)
         tasks: set[asyncio.Task[Any]] = set()
@@ -95,7 +97,7 @@ class AutopilotCheck:
             for name in names:
                 if name not in autopilot.vehicle_parameters:
                     autopilot.ask_parameter(name)
-                    await asyncio.sleep(0.02)  # a slow link has the streams to carry too
+                    await asyncio.sleep(0.02)  # as a slow link also has to carry the streams
             await asyncio.sleep(PARAMETER_S)
 
     def _of(self, kind: type[Any]) -> list[tuple[float, Any]]:
@@ -137,7 +139,7 @@ class AutopilotCheck:
             ("position", LocalPosition, limits.position_s, "wait for GPS and EKF; a faster link"),
             ("RC channels", RcChannels, limits.rc_s, "switch the transmitter on; a faster link"),
         ):
-            # The first second goes by until the streams run.
+            # The first second is left out, until the streams run.
             got = [(t, m) for t, m in self._of(kind) if t > self._got[0][0] + 1.5]
             if not got:
                 what = f"no {item} comes: landerd does not fly without"

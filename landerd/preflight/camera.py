@@ -1,4 +1,4 @@
-"""The camera: is it there, and are its pictures of the right size, in time, and lit?"""
+"""Checks the camera: is it there, are its pictures of the right size, recent, and well exposed?"""
 
 import asyncio
 import statistics
@@ -11,23 +11,23 @@ from landerd.ports import Camera, DeviceLost, NotInstalled
 from landerd.preflight.finding import Finding, gather
 from landerd.vision import Vision
 
-CAMERA_S = 3.0  # how long it is measured
+CAMERA_S = 3.0  # for how long pictures are taken and measured
 _SLOWEST_CAMERA_HZ = 10.0
 _OLDEST_PICTURE_S = 0.2
-_DARK, _BRIGHT = 12.0, 243.0  # mean brightness of a picture that shows nothing
+_DARK, _BRIGHT = 12.0, 243.0  # mean grey levels below and above which a picture shows nothing
 
 
 async def check_camera(
     camera: Camera, vision: Vision, model: CameraModel, fps: float | None, oldest_s: float
 ) -> list[Finding]:
-    """Return what is found of a camera.
+    """Return the findings on a camera.
 
     Args:
-        camera: closed; it is opened and closed again.
-        vision: for the pad, should it be in sight.
+        camera: the driver, not open; it is opened and closed again.
+        vision: used if the pad is in sight.
         model: the calibration at the size of the pictures.
-        fps: asked of it; None: not known.
-        oldest_s: older pictures are not flown on (guidance.lost.after_s).
+        fps: configured picture rate, 1/s; None: not known.
+        oldest_s: greatest age of pictures that are flown by, s (guidance.lost.after_s).
     """
     try:
         await camera.open()
@@ -113,7 +113,7 @@ def _age(got: _Frames) -> Finding | None:
 
 
 def _in_time(got: _Frames, oldest_s: float) -> Finding | None:
-    """Say so if a picture is too old to be flown on before the next one has come."""
+    """Return a finding if a picture becomes too old to be flown by before the next one arrives."""
     spacing = (got[-1][0] - got[0][0]) / max(len(got) - 1, 1)
     age = spacing + statistics.median(t - frame.t for t, frame in got)
     if age < oldest_s:
@@ -128,11 +128,11 @@ def _in_time(got: _Frames, oldest_s: float) -> Finding | None:
 
 
 def _pad(frame: Frame, vision: Vision) -> list[Finding]:
-    """Say so if the pad is in sight and its markers contradict each other."""
+    """Return a finding if the pad is in sight and its markers contradict each other."""
     try:
         vision.process(frame)
     except ValueError:
-        return []  # of another size or type, which is said elsewhere
+        return []  # another size or type, on which there is another finding
     wrong = vision.disagreement()
     if wrong is None:
         return []

@@ -1,6 +1,6 @@
-"""The companion computer: who else uses the autopilot's port, how hot it is, and its supply.
+"""Checks the companion computer: other users of the autopilot's port, temperature, power supply.
 
-Linux's own words are read where it writes them, below a root that tests choose.
+It reads the files in which Linux reports these, below a root that tests can choose.
 """
 
 import os
@@ -11,17 +11,17 @@ from pathlib import Path
 from landerd.preflight.finding import Finding
 
 _DEBUG_TTY = "ttyAMA10"  # of a Raspberry Pi 5, where /dev/serial0 points to it
-_HOT_C = 75.0  # a Raspberry Pi slows down from 80
+_HOT_C = 75.0  # temperature that is warned of; a Raspberry Pi slows down from 80 on
 _NO_SENSOR = "PMIC-Die"  # of a Jetson: always says 100 degrees
 _NOW_LOW, _WAS_LOW = 1 << 0, 1 << 16  # of get_throttled (Raspberry Pi's firmware)
 _NOW_SLOW, _WAS_SLOW = 1 << 2 | 1 << 3, 1 << 18 | 1 << 19
-_SLOWEST_HZ = 10.0  # pictures searched; the pad's motion is seen late below it
-_LATE_S = 0.1  # from a picture to the set-point: at 5 m/s half a metre
+_SLOWEST_HZ = 10.0  # least rate of searched pictures; at a lower one the pad's motion is seen late
+_LATE_S = 0.1  # longest delay from a picture to the set-point: half a metre at 5 m/s
 SYSTEM = Path("/")
 
 
 def computer_findings(autopilot_url: str, root: Path = SYSTEM) -> list[Finding]:
-    """Return what is wrong with this computer, or that nothing is."""
+    """Return the findings on this computer; one says so if nothing is wrong."""
     found = [*_port(autopilot_url, root), *_power(root), *_heat(root)]
     if all(f.level == "ok" for f in found):
         found.insert(0, Finding("ok", "computer", "nobody else uses the autopilot's port"))
@@ -53,7 +53,7 @@ def budget_finding(
 
 
 def temperature_c(root: Path = SYSTEM) -> float | None:
-    """Return how hot its hottest part is; None: it does not tell."""
+    """Return the temperature of the hottest part; None: there is no sensor."""
     zones = (root / "sys/class/thermal").glob("thermal_zone*")
     told = (_read(zone / "temp") for zone in zones if _read(zone / "type").strip() != _NO_SENSOR)
     return max((float(text) / 1e3 for text in told if text), default=None)
@@ -104,7 +104,7 @@ def _port(url: str, root: Path) -> Iterator[Finding]:
 
 
 def _processes(root: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield name and arguments of all that runs."""
+    """Yield name and arguments of every process."""
     for path in (root / "proc").glob("[0-9]*/cmdline"):
         name, *arguments = _read(path).rstrip("\0").split("\0")
         # nvgetty is a shell script: its name is the shell's first argument
@@ -153,7 +153,7 @@ def _heat(root: Path) -> Iterator[Finding]:
 
 
 def _read(path: Path) -> str:
-    """Return what a file says; nothing where it is not there, or does not say."""
+    """Return a file's text; an empty one if it is missing or cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError:

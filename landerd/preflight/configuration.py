@@ -1,4 +1,4 @@
-"""The configuration itself: what is allowed, and yet no way to a first landing."""
+"""Checks the configuration for values that are allowed but unsuitable for a first landing."""
 
 import math
 from collections.abc import Iterator
@@ -16,10 +16,10 @@ from landerd.preflight.finding import Finding
 from landerd.preflight.sensors import FILE
 from landerd.printing.proposal import View
 
-_FIRST_FLIGHT_MPS = 5.0  # a person's thumb can still answer it
+_FIRST_FLIGHT_MPS = 5.0  # highest speed to which a pilot's thumb can still react
 _EDGE_M = 1e-3  # of a marker over the plate's, is not told
-_HIGHEST_M, _STEP_M = 15.0, 0.25  # over the pad, from where it is to come down
-_LEAST_LEAN_DEG = 5.0  # that steering and a light wind ask for
+_HIGHEST_M, _STEP_M = 15.0, 0.25  # heights over the pad that are examined: the highest, the step
+_LEAST_LEAN_DEG = 5.0  # lean that steering and a light wind require
 # A marker fills the picture at so much of the distance from which it is whole with a margin; and
 # may be out of it so far over the commit height, m: what is left is flown without sight.
 _FILLS, _UNSEEN_M = 0.9, 0.1
@@ -27,7 +27,7 @@ _SEEN_M = 15.0  # from nearer than this no pad is to be told only
 
 
 def placeholder(config: Config) -> list[Finding]:
-    """Return whether a real camera has the calibration of the simulated one."""
+    """Return a finding if a real camera has the calibration of the simulated one."""
     if config.camera.driver == "sim":
         return []
     own = load_camera(config_dir() / "cameras" / "thesis.yaml")
@@ -45,7 +45,7 @@ def placeholder(config: Config) -> list[Finding]:
 
 
 def _same_lens(a: CameraModel, b: CameraModel) -> bool:
-    """Tell whether two calibrations are one: also a copy at another size."""
+    """Tell whether two calibrations are the same, perhaps scaled to another picture size."""
     if a.width * b.height != a.height * b.width:
         return False
     scaled = a.scaled(b.width, b.height)
@@ -58,7 +58,7 @@ def _numbers(camera: CameraModel) -> tuple[float, ...]:
 
 
 def first_flight(config: Config, state: Path) -> list[Finding]:
-    """Return whether a vehicle that has not landed yet may fly fast.
+    """Return a finding if a vehicle that has not landed yet may fly fast.
 
     Args:
         config: the configuration.
@@ -73,7 +73,7 @@ def first_flight(config: Config, state: Path) -> list[Finding]:
 
 
 def descent_findings(config: Config) -> list[Finding]:
-    """Return whether the descent region is too narrow somewhere for what is known of the lens.
+    """Return a finding if the descent region is somewhere too narrow for the lens's uncertainty.
 
     A vehicle descends with two standard deviations of its place inside the region: where these fill
     it, a landing waits until its time is over.
@@ -94,7 +94,7 @@ def descent_findings(config: Config) -> list[Finding]:
 
 
 def stance_findings(config: Config, layout: PadLayout) -> list[Finding]:
-    """Return whether the vehicle could not stand on the pad, or only in still air."""
+    """Return a finding if the vehicle cannot stand on the pad, or only in still air."""
     found, vehicle, plate = [], config.vehicle, layout.plate
     reach = 0.5 * math.hypot(*vehicle.footprint_m)
     edge = min(plate.north_m, plate.south_m, plate.east_m, plate.west_m)
@@ -127,12 +127,12 @@ def stance_findings(config: Config, layout: PadLayout) -> list[Finding]:
 
 
 def view_findings(config: Config, layout: PadLayout, camera: CameraModel) -> list[Finding]:
-    """Return whether the pad is out of sight just over it, or far off."""
+    """Return findings if the pad cannot be seen from just above it, or from far away."""
     return [*_from_above(config, camera), *_near(config, layout, camera), *_far(config, layout)]
 
 
 def _near(config: Config, layout: PadLayout, camera: CameraModel) -> list[Finding]:
-    """Return whether every marker is larger than the picture before the feet are down."""
+    """Return a finding if no marker fits into the picture any more before the feet are down."""
     view = View(min(camera.fx, camera.fy), min(camera.width, camera.height))
     whole_m = _FILLS * min(map(view.nearest_m, layout.markers))
     vehicle, commit_m = config.vehicle, config.guidance.descent.commit_height_m
@@ -149,7 +149,7 @@ def _near(config: Config, layout: PadLayout, camera: CameraModel) -> list[Findin
 
 
 def _far(config: Config, layout: PadLayout) -> list[Finding]:
-    """Return whether what is said of print and lens leaves the pad's distance too uncertain."""
+    """Return a finding if the configured errors of print and lens make distances too uncertain."""
     vision = config.vision
     share = math.hypot(vision.focal_sigma, layout.print_scale_sigma)
     if share * _SEEN_M <= vision.max_sigma_m:
@@ -164,7 +164,7 @@ def _far(config: Config, layout: PadLayout) -> list[Finding]:
 
 
 def _from_above(config: Config, camera: CameraModel) -> list[Finding]:
-    """Return whether the gimbal cannot turn the camera straight down, nearly."""
+    """Return a finding if the gimbal cannot turn the camera nearly straight down."""
     low, high = config.gimbal.pitch_limits_deg
     up = math.degrees(math.atan2(camera.cy, camera.fy))
     down = math.degrees(math.atan2(camera.height - camera.cy, camera.fy))
@@ -180,7 +180,7 @@ def _from_above(config: Config, camera: CameraModel) -> list[Finding]:
 
 
 def pad_findings(layout: PadLayout) -> list[Finding]:
-    """Return what cannot be so on a printed pad: markers over its edge, or over each other."""
+    """Return what is impossible on a printed pad: markers beyond its edge, or overlapping."""
     wrong = [*_over_the_edge(layout), *_over_each_other(layout)]
     return wrong or [
         Finding("ok", "pad", f"{layout.name}: {', '.join(map(_name, layout.markers))}")
@@ -223,12 +223,12 @@ def _over_each_other(layout: PadLayout) -> Iterator[Finding]:
 
 
 def _half(marker: Marker) -> float:
-    """Return how far a marker reaches to any side at least, m."""
+    """Return the distance to which a marker extends in every direction, m."""
     return 0.5 * size_m(marker)
 
 
 def _heart(marker: Marker) -> float:
-    """Return the radius of the white in a ring, in which another marker may lie, m."""
+    """Return the radius of the white centre of a ring, where another marker may be, m."""
     if isinstance(marker, Square):
         return 0.0
     ratio = marker.inner_ratio if isinstance(marker, Ring) else WHYCODE_CORE

@@ -1,4 +1,4 @@
-"""One line of the check, and how a device is listened to for it."""
+"""One line of the check, and a helper that receives from a device for it."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the check: what is so and why it matters, and how to mend it."""
+    """One line of the check: the fact, why it matters, and the remedy."""
 
     level: Literal["ok", "warn", "fail"]
     item: str
@@ -20,7 +20,10 @@ class Finding:
 
 
 async def gather(receive: Callable[[], Awaitable[T]], seconds: float) -> list[tuple[float, T]]:
-    """Return all that comes in this time, with the time of arrival. Raises DeviceLost."""
+    """Return all that is received in this time, each with its time of arrival, s.
+
+    Raises DeviceLost.
+    """
     loop = asyncio.get_running_loop()
     got: list[tuple[float, T]] = []
     with suppress(TimeoutError):

@@ -1,4 +1,4 @@
-"""The gimbal: does it tell its angles, and turn as it is told?"""
+"""Checks the gimbal: does it report its angles, and turn as ordered?"""
 
 import asyncio
 import math
@@ -10,20 +10,20 @@ from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import DeviceLost, Feedback, Gimbal
 from landerd.preflight.finding import Finding, gather
 
-GIMBAL_S = 1.0  # how long it is listened to,
-GIMBAL_MOVE_S = 3.0  # and waited for each motion
-_MOVE_DEG, _MOVED_DEG = 20.0, 5.0  # ordered, and taken as an answer
+GIMBAL_S = 1.0  # for how long its reports are received
+GIMBAL_MOVE_S = 3.0  # how long each motion may take
+_MOVE_DEG, _MOVED_DEG = 20.0, 5.0  # turn that is ordered, and least turn that counts as an answer
 
 
 async def check_gimbal(
     gimbal: Gimbal, config: Config, may_move: Callable[[], bool]
 ) -> list[Finding]:
-    """Return what is found of a gimbal.
+    """Return the findings on a gimbal.
 
     Args:
-        gimbal: closed; it is opened and closed again.
-        config: limits and freshness.
-        may_move: asked once, when it is known that it answers.
+        gimbal: the driver, not open; it is opened and closed again.
+        config: gives limits and freshness.
+        may_move: tells whether the gimbal may be moved; called once, after it has answered.
     """
     try:
         await gimbal.open()
@@ -72,7 +72,7 @@ def _gimbal_stream(got: list[tuple[float, GimbalState]], config: Config) -> list
 
 
 async def _moves(gimbal: Gimbal, start: GimbalState, config: Config) -> list[Finding]:
-    """Order a change of pitch, then of yaw, and look which way the gimbal says it goes."""
+    """Order a change of pitch, then of yaw, and compare the reported motion with it."""
     limits = {"pitch": config.gimbal.pitch_limits_deg, "yaw": config.gimbal.yaw_limits_deg}
     findings = []
     for axis, (low, high) in limits.items():
@@ -88,7 +88,7 @@ async def _moves(gimbal: Gimbal, start: GimbalState, config: Config) -> list[Fin
 
 
 async def _moved_deg(gimbal: Gimbal, start: GimbalState, axis: str, to_deg: float) -> float:
-    """Order an axis to an angle for a while, and return which one it then tells."""
+    """Order an axis to an angle for a while, and return the angle it reports then, degrees."""
     target = {"yaw": start.yaw, "pitch": start.pitch, axis: math.radians(to_deg)}
     gimbal.command(GimbalCommand(**target))
     states = await gather(gimbal.state, GIMBAL_MOVE_S)
@@ -97,7 +97,7 @@ async def _moved_deg(gimbal: Gimbal, start: GimbalState, axis: str, to_deg: floa
 
 
 def _motion(axis: str, step: float, came: float) -> list[Finding]:
-    """Say what is wrong with a change of angle, deg."""
+    """Return findings on a reported change of angle (came), given the ordered one; degrees."""
     moved = math.remainder(came, 360.0) * math.copysign(1.0, step)
     if moved < -_MOVED_DEG:
         return [

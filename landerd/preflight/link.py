@@ -1,4 +1,4 @@
-"""What mends a link to the autopilot, of each kind that `autopilot.url` may name."""
+"""Remedies for a broken link to the autopilot, by the kind that `autopilot.url` names."""
 
 _SENDS = "is it MAVLink that is sent there? SERIALn_PROTOCOL or NET_Pn_PROTOCOL 2; the right port?"
 
@@ -23,6 +23,6 @@ NO_LINK = {
 
 
 def link_kind(url: str) -> str:
-    """Return which of these a URL names; what is none of them counts as a cable."""
+    """Return the kind of link that a URL names; an unknown kind counts as a cable."""
     kind = url.partition(":")[0]
     return kind if kind in SILENT else "serial"

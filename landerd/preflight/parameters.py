@@ -1,4 +1,4 @@
-"""What in the autopilot's parameters would fight landerd (docs/ardupilot.md)."""
+"""Checks the autopilot's parameters for values that would disturb landerd (docs/ardupilot.md)."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -16,9 +16,9 @@ SUCCESSORS = {"ARMING_CHECK": "ARMING_SKIPCHK"}
 # with what makes m/s^2 of them. Before 4.2 there was no such jerk.
 _JERKS = ("PSC_JERK_XY", "PSC_JERK_NE", "PSC_NE_JERK")
 _ACCELERATIONS = {"WPNAV_ACCEL": 0.01, "WP_ACC": 1.0}
-LONGEST_TIMEOUT_S = 1.0  # of the autopilot's, after which it stops by itself
-# Acceleration over jerk, s: how late a velocity is answered. In the simulator a landing on a pad of
-# 5 m/s took 14 s at 0.5 s, 15 s at 0.8, 19 s at 1.3 and 28 s at 2.1.
+LONGEST_TIMEOUT_S = 1.0  # longest timeout after which the autopilot stops without orders
+# Acceleration over jerk, s: the delay of the answer to a velocity. In the simulator a landing on a
+# pad of 5 m/s took 14 s at 0.5 s, 15 s at 0.8, 19 s at 1.3 and 28 s at 2.1.
 LATEST_S = 0.8
 # Time constant of the attitude, s: in SITL ArduCopter's own velocities overshot by 3 % with 0.15,
 # by 9 with 0.3 and by 20 to 25 with 0.5, to and fro for ten seconds.
@@ -30,7 +30,7 @@ VELOCITY_NOT_HELD = 1 << 5
 
 @dataclass(frozen=True)
 class Rule:
-    """What a parameter must be, what is said where it is not so, and the value to set."""
+    """The values that a parameter may have, the text if it has another, and the value to set."""
 
     good: Callable[[float], bool]
     level: Literal["warn", "fail"]
@@ -39,7 +39,7 @@ class Rule:
 
 
 def judged_parameters(config: Config) -> Mapping[str, Rule]:
-    """Return the autopilot's parameters that are judged alone, by name, those of 4.7 too."""
+    """Return the rules of parameters that are judged one by one, by name, with those of 4.7."""
     rules = {
         f"RC{config.rc.gate_channel}_OPTION": Rule(
             lambda v: v == 0, "fail", "landerd's switch would do something else too", 0.0
@@ -56,7 +56,7 @@ def judged_parameters(config: Config) -> Mapping[str, Rule]:
             lambda v: v == 0, "warn",
             "the nose turns into the direction of travel, away from the pad's heading", 0.0,
         ),
-        # Without it ArduPilot goes on telling the last pulses, as fresh as ever.
+        # Without it ArduPilot keeps reporting the last pulses as if they were fresh.
         "FS_THR_ENABLE": Rule(
             lambda v: v != 0, "fail",
             "with the transmitter lost your switch stays high for landerd, which flies on", 1.0,
@@ -76,12 +76,12 @@ def judged_parameters(config: Config) -> Mapping[str, Rule]:
 
 
 def asked_parameters(config: Config) -> list[str]:
-    """Return the names of all parameters that `parameter_findings` looks at."""
+    """Return the names of all parameters that `parameter_findings` uses."""
     return [*judged_parameters(config), *_ACCELERATIONS, *_JERKS, ATTITUDE]
 
 
 def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Finding]:
-    """Return what is wrong with the autopilot's parameters."""
+    """Return the findings on the autopilot's parameters."""
     found = []
     rules = judged_parameters(config)
     for name, rule in rules.items():
@@ -107,14 +107,14 @@ def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Find
 
 
 def _where_it_strikes(config: Config, timeout_s: float) -> str:
-    """Say below which height it comes to the ground, with a timeout and with a good one."""
+    """Return a text on the height below which the vehicle reaches the ground within a timeout."""
     deceleration = flyable_limits(config).vertical_acceleration_mps2
     now, then = (unstopped_height(t, deceleration) for t in (timeout_s, LONGEST_TIMEOUT_S))
     return f", below {now:.1f} m to the ground (with {LONGEST_TIMEOUT_S:g} s below {then:.1f} m)"
 
 
 def _shaping(config: Config, values: Mapping[str, float]) -> list[Finding]:
-    """Return what is wrong with how the autopilot shapes velocities."""
+    """Return the findings on the autopilot's limits of acceleration and jerk."""
     told = [unit * values[name] for name, unit in _ACCELERATIONS.items() if name in values]
     acceleration = next((a for a in told if a > 0.0), config.autopilot.acceleration_mps2)
     for name in _JERKS:
@@ -127,7 +127,7 @@ def _shaping(config: Config, values: Mapping[str, float]) -> list[Finding]:
 
 
 def _attitude(values: Mapping[str, float]) -> list[Finding]:
-    """Return what is wrong with how late the autopilot lets the attitude follow."""
+    """Return the findings on the time constant of the autopilot's attitude control."""
     time_s = values.get(ATTITUDE, 0.0)
     if not time_s > SLOWEST_ATTITUDE_S:
         return []

@@ -1,4 +1,4 @@
-"""What flights have found of camera and gimbal, and how well they saw: kept, and offered."""
+"""Errors of camera and gimbal that flights found, and how well they saw: kept for the check."""
 
 import dataclasses
 import json
@@ -13,9 +13,9 @@ from landerd.estimation.pad_filter import SensorErrors
 from landerd.preflight.finding import Finding
 
 FILE = "sensors.json"  # in $STATE_DIRECTORY
-_LEAST_CLOCK_S = 0.01  # smaller ones are estimated away in a second of flight
+_LEAST_CLOCK_S = 0.01  # a smaller clock error is estimated within a second of flight
 _LEAST_ANGLE = math.radians(1.0)
-_SIGMAS = 3.0  # less sure errors are not offered
+_SIGMAS = 3.0  # an error is offered as a setting if it exceeds this many standard deviations
 # Of a whole flight. In 36 days of the field (seeds 401 to 440, modelled sight) at most 0.016 was
 # refused while tracking, and pictures were at most 0.25 s old.
 _MOST_REFUSED = 0.05
@@ -24,20 +24,20 @@ _OLDEST_PICTURES_S = 0.3
 
 @dataclass(frozen=True)
 class LastFlight:
-    """What is kept of the last landing."""
+    """What is stored of the last landing."""
 
     sensors: SensorErrors
     health: Health | None  # of the whole flight; None: nothing was seen
 
 
 def sensors_file() -> Path | None:
-    """Return where it is kept; None: nowhere, systemd sets STATE_DIRECTORY."""
+    """Return the path of the file; None: systemd has not set STATE_DIRECTORY."""
     state = os.environ.get("STATE_DIRECTORY")
     return Path(state) / FILE if state else None
 
 
 def write_sensors(path: Path, flight: LastFlight) -> None:
-    """Keep what a flight has found. Raises OSError."""
+    """Store what a flight found. Raises OSError."""
     new = path.with_suffix(".new")
     new.write_text(json.dumps(dataclasses.asdict(flight)), encoding="utf-8")
     new.chmod(0o644)  # `landerd check` reads it as another user than the service
@@ -45,7 +45,7 @@ def write_sensors(path: Path, flight: LastFlight) -> None:
 
 
 def read_sensors(path: Path) -> LastFlight | None:
-    """Return what the last flight has found; None: nothing, or nothing with any sense.
+    """Return what the last flight found; None: no file, or its content is invalid.
 
     Raises:
         PermissionError: this user may not read it.
@@ -64,7 +64,7 @@ def read_sensors(path: Path) -> LastFlight | None:
 
 
 def last_flight_findings(config: Config, path: Path) -> list[Finding]:
-    """Return what the last flight found worth setting or mending."""
+    """Return findings on what to set or repair by the last flight."""
     try:
         flight = read_sensors(path)
     except PermissionError:
@@ -74,7 +74,7 @@ def last_flight_findings(config: Config, path: Path) -> list[Finding]:
 
 
 def sensor_findings(config: Config, flight: LastFlight) -> list[Finding]:
-    """Return what is worth setting or mending; nothing is set by itself."""
+    """Return findings on what to set or repair; nothing is set automatically."""
     return [
         *_clock_findings(config, flight.sensors),
         *_lens_findings(config, flight.sensors),
@@ -107,7 +107,7 @@ def _clock_findings(config: Config, found: SensorErrors) -> list[Finding]:
 
 
 def _lens_findings(config: Config, found: SensorErrors) -> list[Finding]:
-    """Return what to set where the lens looks elsewhere than the gimbal says."""
+    """Return findings on what to set if the lens points elsewhere than the gimbal reports."""
     roll, pitch, yaw = (math.radians(angle) for angle in config.gimbal.camera_rotation_deg)
     # Found about the picture's axes, set about the gimbal's: a camera may sit rolled on it.
     c, s = math.cos(roll), math.sin(roll)

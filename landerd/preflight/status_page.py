@@ -1,4 +1,4 @@
-"""The status page and Foxglove: whether they will be served, and to whom."""
+"""Checks whether the status page and Foxglove's data will be served, and to whom."""
 
 import errno
 
@@ -9,7 +9,7 @@ from landerd.web.foxglove_server import foxglove_door
 
 
 def page_findings(section: WebSection) -> list[Finding]:
-    """Return whether the page can be served; nothing if none is asked for. It stops no landing."""
+    """Return whether the page can be served, if configured; it is never fatal to a landing."""
     item = "status page"
     try:
         door = door_of(section)
@@ -23,7 +23,7 @@ def page_findings(section: WebSection) -> list[Finding]:
 
 
 def foxglove_findings(section: WebSection) -> list[Finding]:
-    """Return whether Foxglove can be served; nothing if it is not asked for."""
+    """Return whether Foxglove's data can be served, if configured."""
     item = "foxglove"
     try:
         door = foxglove_door(section)

@@ -1,1 +1,1 @@
-"""One closed-loop flight: composed, recorded, its result; with the stand-in or with SITL."""
+"""Simulates one closed-loop flight, with the simulated autopilot or with SITL, and judges it."""

@@ -1,4 +1,4 @@
-"""The computer that landerd runs on, as simulated: how long it searches, how it stalls."""
+"""The simulated computer that runs landerd: how long its searches take, how it stalls."""
 
 import asyncio
 import time
@@ -9,7 +9,7 @@ from hw.sim.options import CompanionOptions
 from landerd.runtime.clock import STALLS, VirtualLoop
 
 VISION_LATENCY_S = 0.025  # searching a frame on a Raspberry Pi 4, modelled
-# It runs for so long between two stalls, or they would be one longer than the options say, s.
+# Least time between two stalls, s, so that they do not join to one longer than configured.
 RUNS_S = 0.1
 
 
@@ -26,13 +26,13 @@ class Companion:
         return VISION_LATENCY_S * self._options.vision_factor
 
     def context(self) -> Context:
-        """Return the context of what runs on this computer."""
+        """Return the context for tasks that run on this computer."""
         context = copy_context()
         context.run(STALLS.set, True)
         return context
 
     async def stall(self) -> None:
-        """Stand still now and then, for ever: a garbage collection, an SD card, other work."""
+        """Stall now and then, until cancelled: garbage collection, an SD card, other processes."""
         options = self._options
         while options.stall_s > 0.0:
             runs_s = RUNS_S + self._rng.expovariate(1.0 / options.stall_every_s)
@@ -41,7 +41,7 @@ class Companion:
 
 
 def stand_still(duration_s: float) -> None:
-    """Hold up all that runs in the computer's context."""
+    """Hold up all tasks that run in the computer's context."""
     loop = asyncio.get_running_loop()
     if isinstance(loop, VirtualLoop):
         loop.stall(duration_s)

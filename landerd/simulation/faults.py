@@ -1,4 +1,4 @@
-"""Lets the faults of `sim.faults` happen in a flight, and notes when and where they did."""
+"""Starts and ends the faults of `sim.faults` in a flight, and notes when and where."""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
@@ -12,11 +12,11 @@ from landerd.messages import Phase
 
 LOOKS_S = 0.01
 EXCUSED_S = 3.0  # how long after its end a fault still excuses broken rules
-LASTING_S = 6.0  # the same after a fault that takes a moment: a stall, a restart
+LASTING_S = 6.0  # the same after the onset of a momentary fault: a stall, a restart
 
 
 def fault_kinds() -> Mapping[str, FaultKind]:
-    """Return what can go wrong, by name; for modules that may not import `hw`."""
+    """Return the kinds of faults by name; for modules that may not import `hw`."""
     return FAULTS
 
 
@@ -27,15 +27,15 @@ class Happened:
     fault: str
     severity: float
     lasts_s: float | None  # as configured
-    lands: bool  # a landing is to be expected all the same
+    lands: bool  # a landing is expected all the same
     began: float | None = None  # None: its onset never came
     ended: float | None = None  # None: it lasted until the end of the flight
     phase: str = ""  # at the onset
-    height_m: float | None = None  # likewise
+    height_m: float | None = None  # at the onset
 
 
 class Faults:
-    """Runs beside the flight.
+    """Runs the faults beside the flight.
 
     Attributes:
         happened: each fault, in the order of the configuration.
@@ -47,12 +47,12 @@ class Faults:
         bench: Callable[[int], Bench],
         phase: Callable[[], Phase],
     ) -> None:
-        """Take what is to happen.
+        """Make one.
 
         Args:
-            options: the faults.
-            bench: returns what the fault of a number acts on.
-            phase: of the landing now.
+            options: the faults to start.
+            bench: returns the bench on which a fault, given by its number, acts.
+            phase: returns the present phase of the landing.
         """
         self.happened = [
             Happened(each.fault, each.severity, each.lasts_s, FAULTS[each.fault].lands)
@@ -65,11 +65,11 @@ class Faults:
 
     @property
     def lasts(self) -> bool:
-        """Whether one has begun and is not over."""
+        """Whether any fault has begun and is not over."""
         return any(n.began is not None and n.ended is None for n in self.happened)
 
     async def run(self) -> None:
-        """Let them happen; ends with the flight's tasks."""
+        """Start and end the faults; to be cancelled with the flight's tasks."""
         self._began = asyncio.get_running_loop().time()
         async with asyncio.TaskGroup() as tasks:
             for number, (fault, note) in enumerate(zip(self._options, self.happened, strict=True)):
@@ -96,7 +96,7 @@ class Faults:
         await asyncio.sleep(at.after_s)
 
     def excuses(self, finding: str, t: float) -> bool:
-        """Tell whether no landerd could have kept a rule, first broken at t, for a fault."""
+        """Tell whether a fault excuses a broken rule or finding that first occurred at t, s."""
         for note in self.happened:
             kind = FAULTS[note.fault]
             # A fault that begins within a step of the world may show at the beginning of the step.
@@ -110,12 +110,12 @@ class Faults:
         return False
 
     def as_plain(self) -> list[dict[str, Any]]:
-        """Return what happened for the result."""
+        """Return the faults as they happened, for the result."""
         return [asdict(note) for note in self.happened]
 
 
 def _reached(at: OnsetOptions, phase: Callable[[], Phase], bench: Bench) -> Callable[[], bool]:
-    """Return what tells whether the onset's phase or height is reached or passed."""
+    """Return a function that tells whether the onset's phase or height has been reached."""
 
     def reached() -> bool:
         now = phase().value

@@ -1,7 +1,7 @@
 """One closed-loop landing: the real daemon with simulated devices, judged from truth.
 
-The daemon cannot tell these devices from real ones. On the virtual clock a landing is the same to
-the bit each time.
+The daemon cannot distinguish these devices from real ones. On the virtual clock every repetition of
+a landing is the same to the bit.
 """
 
 import asyncio
@@ -57,8 +57,8 @@ from landerd.simulation.sight.detectors import ModelledDetectors
 from landerd.simulation.surroundings import WALL_JITTER_S, StandIn, Surroundings
 from landerd.vision import Detectors
 
-AFTER_END_S = 5.0  # what the vehicle does once landerd has ended
-AFTER_LANDING_S = 1.2  # heartbeats tell of the disarming once a second
+AFTER_END_S = 5.0  # simulated time after landerd has ended, to see what the vehicle does
+AFTER_LANDING_S = 1.2  # simulated time after disarming, of which heartbeats tell once a second
 LONGEST_S = 150.0
 
 
@@ -66,10 +66,10 @@ class Simulation:
     """A world, its devices, the daemon that flies in it, and the judge.
 
     Attributes:
-        over: set it to end the flight.
+        over: event that ends the flight when it is set.
         has_pictures: pictures are rendered and searched; else sight is modelled.
-        timed_out: the flight took longer than it may.
-        gimbal_model: the device below a real gimbal's driver, where it has a life of its own.
+        timed_out: the flight took longer than allowed.
+        gimbal_model: the simulated device of a real gimbal's driver, if it runs as a task.
     """
 
     # Of the stand-in; not there if it flies in other surroundings.
@@ -88,15 +88,15 @@ class Simulation:
         surroundings: Surroundings | None = None,
         observers: tuple[Observer, ...] = (),
     ) -> None:
-        """Build everything; nothing runs yet.
+        """Make world, devices, daemon and judge; nothing runs yet.
 
         Args:
             loaded: the configuration.
             seed: of all that is random.
             realtime: the loop's clock does not wait for the machine: vision in a thread.
-            surroundings: None: the stand-in flies, sent on its way by a fake ground station.
+            surroundings: where it flies; None: with the simulated autopilot and ground station.
             log: where to record the flight.
-            observers: see the daemon's flight too.
+            observers: further observers of the daemon.
 
         Raises:
             CalibrationError: the camera's calibration cannot be used.
@@ -107,13 +107,13 @@ class Simulation:
         self.config = loaded.config
         self.layout = load_pad(self.config.pad.layout)
         self.camera_model = load_camera(self.config.camera.calibration)
-        # The daemon goes by calibration and layout. The world's lens is not quite the calibrated
+        # The daemon uses calibration and layout. The world's lens is not quite the calibrated
         # one, nor its pad quite what the layout says.
         self._lens = true_camera(self.camera_model, self._options.camera.calibration_error)
         self._pad = printed(self.layout, self._options.pad, seed)
         self.over = self.timed_out = False
         self.has_pictures = self._options.sight == "pictures"
-        self._beside: list[Callable[[], Awaitable[None]]] = []  # what runs, all but the daemon
+        self._beside: list[Callable[[], Awaitable[None]]] = []  # all tasks except the daemon
         around = surroundings or self._with_stand_in()
         self.world, self._vehicle = around.world, around.vehicle
         self.ground_station = around.ground_station
@@ -158,10 +158,10 @@ class Simulation:
         return autopilot
 
     def _make_devices(self, autopilot: MavlinkAutopilot, flown_by: SimAutopilot | None) -> None:
-        """Make camera and gimbal, and the recording that watches the gimbal's true angles.
+        """Make camera and gimbal, and the recording, which needs the gimbal's true angles.
 
         Args:
-            autopilot: the daemon's driver, which some gimbals are spoken to through.
+            autopilot: the daemon's driver, through which some gimbals are driven.
             flown_by: the stand-in's autopilot, which drives some gimbals; None: SITL flies.
         """
         loaded, world, seed = self._loaded, self.world, self._seed
@@ -202,7 +202,7 @@ class Simulation:
         return Process(start, companion, self.rules.on_death, restarts=restarts)
 
     def _bench(self, number: int) -> Bench:
-        """Return what the fault of this number may change."""
+        """Return the bench on which the fault of this number acts."""
         assert self._vehicle is not None, "faults need it, see SitlFlight.fly"
         pad, lens, seed = self._pad, self._lens, self._seed
 
@@ -225,7 +225,7 @@ class Simulation:
         )
 
     def _modelled_detectors(self) -> Detectors | None:
-        """Return the detectors that see without pictures; None: the camera makes pictures."""
+        """Return the detectors of modelled sight; None: the camera renders pictures."""
         pictures = self.camera.pictures
         if not isinstance(pictures, NumberedPictures):
             return None
@@ -279,7 +279,7 @@ class Simulation:
 
     @property
     def logs(self) -> list[str]:
-        """The flight logs: one more for each time that landerd was started again."""
+        """The flight logs: a further one for each restart of landerd."""
         return [] if self.recorder is None else [str(path) for path in self.recorder.logs]
 
     # ---- the flight ----------------------------------------------------------------------------
@@ -290,11 +290,11 @@ class Simulation:
         longest_s: float = LONGEST_S,
         script: Callable[["Simulation"], Awaitable[None]] | None = None,
     ) -> None:
-        """Fly until the vehicle is disarmed after contact, or the time is over.
+        """Fly until the vehicle is disarmed after contact, or the longest time has passed.
 
         Args:
             longest_s: simulated time at most.
-            script: what else happens; runs beside the flight and may break devices.
+            script: runs beside the flight, and may break devices.
         """
         loop = asyncio.get_running_loop()
         async with asyncio.TaskGroup() as tasks:
@@ -313,18 +313,18 @@ class Simulation:
                     break
             else:
                 self.timed_out = not self.over
-            # The link may go on in others' hands; a daemon that has ended streams no set-points.
+            # Others may still use the link; a daemon that has ended sends no set-points.
             self._judge.stop_listening()
             for task in running:
                 task.cancel()
 
     def _has_ended(self, now: float) -> bool:
-        """Tell whether the landing is over and landerd has said so, or had the time to."""
+        """Tell whether the landing is over and landerd has reported it, or had time to."""
         ended_t = self.process.over_t
         if ended_t is not None and now > ended_t + AFTER_END_S:
             return True
         if self.ends_at_contact and self.score.contact is not None:
-            return True  # from here on ground and pad go different ways
+            return True  # from here on SITL's ground and the pad would differ
         over_t = self.score.disarm_t
         if over_t is None:
             return False
@@ -332,7 +332,7 @@ class Simulation:
         return is_told or now > over_t + AFTER_LANDING_S
 
     def flown(self) -> Flown:
-        """Return what the result is made of, once the flight is over."""
+        """Return the data of the flight for its result, once it is over."""
         return Flown(
             began=self.recording.began,
             ended=self.world.t,
@@ -386,8 +386,8 @@ def simulate(
         realtime: no faster than a real flight.
         picture: where to draw the flight.
         log: where to record it.
-        progress: is told a line now and again.
-        watch: is given the daemon before it runs, and may observe it.
+        progress: called with a line of text now and then.
+        watch: called with the daemon before it runs, so that it may observe it.
         with_path: the result has `path`, for figures (landerd.simulation.path).
 
     Raises:
@@ -422,7 +422,7 @@ def simulate(
 
 
 def _remove_logs(path: Path) -> None:
-    """Remove the logs that an earlier run has recorded there, of all its flights."""
+    """Remove the logs of all flights of an earlier run at this path."""
     old, number = path, 1
     while number == 1 or old.exists():
         old.unlink(missing_ok=True)
@@ -432,5 +432,5 @@ def _remove_logs(path: Path) -> None:
 
 
 async def as_coroutine(work: Awaitable[None]) -> None:
-    """Await it: a task can only be made of a coroutine."""
+    """Await an awaitable, as a task can be made only of a coroutine."""
     await work

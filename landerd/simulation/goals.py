@@ -12,11 +12,11 @@ from landerd.simulation.flight import LONGEST_S, Simulation
 from landerd.simulation.path import path_of
 from landerd.simulation.result import result_of
 
-APPROACH_M = 1.6  # an approach has succeeded within this of the pad, level,
-APPROACH_HELD_S = 3.0  # for so long,
-APPROACH_LIMIT_S = 45.0  # so soon after the first sighting
-TURN_S = 10.0  # a turn is watched for so long,
-TURN_DEG = 5.0  # and has succeeded within this of the pad's heading at the end
+APPROACH_M = 1.6  # an approach succeeds by staying within this horizontal distance of the pad
+APPROACH_HELD_S = 3.0  # for this long
+APPROACH_LIMIT_S = 45.0  # within this time after the first sighting
+TURN_S = 10.0  # time for which a turn is watched
+TURN_DEG = 5.0  # a turn succeeds if it ends within this of the pad's heading
 WATCH_S = 0.1
 
 Part = Literal["approach", "turn"]

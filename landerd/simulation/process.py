@@ -1,4 +1,4 @@
-"""landerd's process on the simulated computer: it may hang, fail, be stopped or killed."""
+"""landerd's process on the simulated computer, which may hang, fail, be stopped or be killed."""
 
 import asyncio
 from collections.abc import Callable
@@ -15,17 +15,17 @@ from landerd.runtime.observer import Observer
 from landerd.simulation.companion import Companion, stand_still
 from landerd.vision import Detectors, Vision
 
-RESTART_S = 2.0  # from a process's end to the next one's first step: RestartSec and Python's start
+RESTART_S = 2.0  # from a process's end to the first step of the next: RestartSec, Python's start
 
 
 class Computer:
-    """What goes wrong with the computer; hw.sim.faults.bench.Computer.
+    """The faults of the computer; implements hw.sim.faults.bench.Computer.
 
     Attributes:
-        search_s: added to what the search of a picture takes, s.
-        slow_disk_s: for so long a picture that is recorded holds up the loop, s.
-        errors: what parts of the process raise, by part.
-        process: landerd's.
+        search_s: time added to the search of a picture, s.
+        slow_disk_s: time for which recording a picture blocks the event loop, s.
+        errors: exceptions that parts of the process raise, by part.
+        process: landerd's process.
     """
 
     process: "Process"
@@ -35,37 +35,37 @@ class Computer:
         self.errors: dict[str, Exception] = {}
 
     def stall(self, duration_s: float) -> None:
-        """Let the process stand still."""
+        """Block the process for this time, s."""
         stand_still(duration_s)
 
     def fail(self, part: str, error: Exception | None) -> None:
-        """Let a part raise this from now on; None: end it."""
+        """Let a part raise an error from now on; None: no longer."""
         if error is None:
             self.errors.pop(part, None)
         else:
             self.errors[part] = error
 
     def check(self, part: str) -> None:
-        """Raise what the part is to raise."""
+        """Raise the part's error, if it has one."""
         error = self.errors.get(part)
         if error is not None:
             raise error
 
     def terminate(self) -> None:
-        """Tell the process to stop, as SIGTERM and SIGINT do."""
+        """Ask the process to end, as SIGTERM and SIGINT do."""
         self.process.terminate()
 
     def kill(self) -> None:
-        """End the process at once; it is started again."""
+        """Kill the process at once, as SIGKILL does; it is started again."""
         self.process.kill()
 
 
 class Process:
-    """Runs the daemon, and the next one when it ends as systemd would.
+    """Runs the daemon, and starts a new one when it ends, as systemd would.
 
     Attributes:
         daemon: the one that runs, or ran last.
-        over_t: when it was told to stop and has ended, s; None: it runs.
+        over_t: when it ended after it was asked to, s; None: it runs.
     """
 
     def __init__(
@@ -81,8 +81,8 @@ class Process:
         Args:
             start: makes a daemon.
             companion: the computer that it runs on.
-            died: told of a process that was killed.
-            restarts: one that ends by itself is started again; else its error is raised.
+            died: called when the process was killed.
+            restarts: a daemon that fails is started again; otherwise its error is raised.
         """
         self.daemon = start()
         self.over_t: float | None = None
@@ -95,7 +95,7 @@ class Process:
         self._killed = False
 
     async def run(self) -> None:
-        """Run it until it is told to stop, or for ever. Raises CoreFailed."""
+        """Run the daemon until it is asked to end. Raises CoreFailed."""
         loop = asyncio.get_running_loop()
         running = self._running or self.begin()
         while True:
@@ -113,21 +113,21 @@ class Process:
                     raise
             self._killed = False
             await asyncio.sleep(RESTART_S)
-            if self._ending is not None:  # told to stop meanwhile
+            if self._ending is not None:  # it was asked to end meanwhile
                 self.over_t = loop.time()
                 return
             self.daemon = self._start()
             running = self.begin()
 
     def begin(self) -> asyncio.Task[NoReturn]:
-        """Let the daemon's tasks begin."""
+        """Start the daemon's tasks."""
         context = self._companion.context()
         running = asyncio.get_running_loop().create_task(self.daemon.run(), context=context)
         self._running = running
         return running
 
     def terminate(self) -> None:
-        """Let it stop the vehicle and end; while it is not there it is not started again."""
+        """Let the daemon stop the vehicle and end; one that is down is not started again."""
         running = self._running
 
         async def end() -> None:
@@ -140,7 +140,7 @@ class Process:
             self._ending = asyncio.get_running_loop().create_task(end(), context=context)
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill the daemon at once."""
         if self._running is not None and not self._running.done() and self._ending is None:
             self._killed = True
             self._died(asyncio.get_running_loop().time())
@@ -148,7 +148,7 @@ class Process:
 
 
 class BreakableDaemon(Daemon):
-    """The daemon on a computer that may fail it."""
+    """The daemon, whose core and sending may be made to fail."""
 
     def __init__(
         self,
@@ -196,7 +196,7 @@ class BreakableDaemon(Daemon):
 
 
 class BreakableVision(Vision):
-    """Vision that raises what the computer says, else sees what the other one sees."""
+    """Vision that raises the computer's error, if there is one."""
 
     def __init__(self, vision: Vision, computer: Computer) -> None:
         self._inner = vision
@@ -209,7 +209,7 @@ class BreakableVision(Vision):
 
 
 class BreakableLink:
-    """A ByteLink over which nothing can be sent while the computer says so."""
+    """A ByteLink whose `write` raises the computer's error, if there is one."""
 
     def __init__(self, link: ByteLink, computer: Computer) -> None:
         self._link = link
@@ -234,7 +234,7 @@ class BreakableLink:
 
 
 class FaultyDisk(Observer):
-    """An observer that records as a full or slow disk lets it."""
+    """An observer that passes everything to a recorder, with the faults of a full or slow disk."""
 
     def __init__(self, computer: Computer) -> None:
         self._computer = computer
@@ -250,7 +250,7 @@ class FaultyDisk(Observer):
             stand_still(self._computer.slow_disk_s)
 
     def on_vision_reset(self) -> None:
-        """Vision begins anew."""
+        """Vision was replaced."""
         self._computer.check("disk")
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
