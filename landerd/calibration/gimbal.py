@@ -1,4 +1,4 @@
-"""The calibration of a gimbal from views and swings, and whether it can be trusted."""
+"""Calibrates a gimbal from views and swings, and judges whether the result can be trusted."""
 
 import math
 from collections.abc import Sequence
@@ -9,16 +9,17 @@ import numpy as np
 from landerd.calibration.gimbal_fit import Axis, GimbalFit, View, fit
 from landerd.calibration.gimbal_motion import FEWEST_VIEWS, AxisName, Delays, Measured
 
-_LEAST_TURN = math.radians(8.0)  # of an axis over all views
-_LARGEST_BEARING_ERROR = math.radians(0.6)  # rms, of the pad: more, and something moved or gives
-_LARGEST_SIGMA = math.radians(1.0)  # of what is found of an axis
-_LARGEST_SCALE_ERROR = 0.05  # by how much a degree that is reported may differ from one
-_SAME_ANGLE = math.radians(0.3)  # reported angles nearer than this are one row of a table
+_LEAST_TURN = math.radians(8.0)  # least range of an axis's angles over all views
+# Largest rms error of the pad's direction: with a larger one something has moved or is loose.
+_LARGEST_BEARING_ERROR = math.radians(0.6)
+_LARGEST_SIGMA = math.radians(1.0)  # largest standard deviation of an axis's values
+_LARGEST_SCALE_ERROR = 0.05  # largest relative error of reported turns
+_SAME_ANGLE = math.radians(0.3)  # reported angles closer together are one row of a table
 
 
 @dataclass(frozen=True)
 class AxisResult:
-    """What is known of an axis: its sign and zero, or a table; angles in rad."""
+    """The calibration of one axis: its sign and zero, or a table; angles in rad."""
 
     sign: int
     zero: float | None  # true = sign * reported + zero
@@ -29,7 +30,7 @@ class AxisResult:
 
 @dataclass(frozen=True)
 class GimbalCalibration:
-    """How a gimbal is built in."""
+    """How a gimbal is mounted."""
 
     yaw: AxisResult | None  # None: it does not turn
     pitch: AxisResult
@@ -40,7 +41,7 @@ class GimbalCalibration:
 def calibrate(
     measured: Measured, *, tables: bool, turns: bool, aside_m: float
 ) -> tuple[GimbalCalibration | None, list[str]]:
-    """Return what was found, and why it is not to be flown with; no reasons: it is good.
+    """Return the calibration, and the reasons not to fly with it; none: it is good.
 
     Args:
         measured: views and delays.
@@ -73,7 +74,7 @@ def calibrate(
 
 
 def _turned_too_little(measured: Measured) -> list[str]:
-    """Say which axis was not turned far enough to be known."""
+    """Return texts on axes that were not turned far enough."""
     reasons = []
     for name in measured.signs:
         angles = [getattr(view, name) for view in measured.views]
@@ -87,7 +88,7 @@ def _turned_too_little(measured: Measured) -> list[str]:
 
 
 def _uncertain(found: GimbalFit) -> list[str]:
-    """Say where the views contradict each other, or tell too little."""
+    """Return texts on views that contradict each other, or are too few for an axis."""
     reasons = []
     if found.error > _LARGEST_BEARING_ERROR:
         reasons.append(
@@ -111,7 +112,7 @@ def _axis(name: AxisName, measured: Measured, *, tables: bool) -> Axis:
 
 
 def _rows(views: Sequence[View], name: AxisName) -> tuple[float, ...]:
-    """Return the angles that were reported, those of the same order as one."""
+    """Return the reported angles, those of the same order merged to one."""
     rows: list[list[float]] = []
     for angle in sorted(getattr(view, name) for view in views):
         if rows and angle - rows[-1][0] < _SAME_ANGLE:
@@ -122,7 +123,7 @@ def _rows(views: Sequence[View], name: AxisName) -> tuple[float, ...]:
 
 
 def _scale_errors(measured: Measured, axes: dict[AxisName, Axis], aside_m: float) -> list[str]:
-    """Say which axis turns by other angles than it reports."""
+    """Return texts on axes that turn by other angles than they report."""
     free: dict[AxisName, Axis] = {}
     for name, axis in axes.items():
         angles = [getattr(view, name) for view in measured.views]

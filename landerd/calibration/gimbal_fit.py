@@ -34,18 +34,18 @@ from landerd.geometry import (
 )
 from landerd.messages import PoseSolution
 
-# What nature and people are trusted with, 1 sigma; judged, not measured.
+# Assumed standard deviations of how exactly people place things; estimates, not measured.
 _LEVEL_SIGMA = math.radians(0.5)  # of pad and airframe
-_AHEAD_SIGMA_M = 0.01  # of the pad's middle aside from straight ahead
-_CAMERA_SIGMA = math.radians(3.0)  # how far a camera sits turned
+_AHEAD_SIGMA_M = 0.01  # of the pad's middle sideways from straight ahead
+_CAMERA_SIGMA = math.radians(3.0)  # of the camera's rotation on the last axis
 _NOT_TURNED = 1e-6  # the same, rad, of one whose turn cannot be told from its axis's zero
-_LEVER_SIGMA_M = 0.03  # of the lens from the axes
-# What vision and the camera's calibration leave in a pose, beside what it states itself.
+_LEVER_SIGMA_M = 0.03  # of the lens's distance from the axes
+# Error of a pose by vision and the camera's calibration, in addition to the stated one.
 _BEARING_SIGMA = 1e-3  # rad
 _TILT_SIGMA = math.radians(0.5)
 _HEADING_SIGMA = math.radians(0.3)
-_MOST_STEPS = 30  # of Levenberg and Marquardt
-_CONVERGED = 1e-4  # a step that gains less of the cost is the last
+_MOST_STEPS = 30  # most Levenberg-Marquardt steps
+_CONVERGED = 1e-4  # a step that reduces the cost by a smaller share is the last
 
 Kind = Literal["shift", "table", "none"]
 
@@ -64,7 +64,7 @@ class View:
 
 @dataclass(frozen=True)
 class Axis:
-    """What is to be found of an axis.
+    """The unknowns of an axis.
 
     shift: true = sign * reported + zero, one value. table: the true angles at the reported ones
     given, a straight line in between. none: it is as reported.
@@ -76,7 +76,7 @@ class Axis:
 
     @property
     def size(self) -> int:
-        """How many values are sought."""
+        """Number of unknown values."""
         return {"shift": 1, "table": len(self.at), "none": 0}[self.kind]
 
     def true(self, reported: float, values: F64) -> float:
@@ -90,7 +90,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class GimbalFit:
-    """What explains the views best; angles in rad."""
+    """The least-squares solution; angles in rad."""
 
     yaw: tuple[float, ...]  # values of the axis
     pitch: tuple[float, ...]
@@ -102,12 +102,12 @@ class GimbalFit:
 
 
 def fit(views: Sequence[View], yaw: Axis, pitch: Axis, aside_m: float, *, turns: bool) -> GimbalFit:
-    """Return what explains the views best.
+    """Return the least-squares solution for the views.
 
     Args:
         views: of pads that lie level and straight ahead; each with its north.
-        yaw: what is sought of it.
-        pitch: the same.
+        yaw: the unknowns of the yaw axis.
+        pitch: those of the pitch axis.
         aside_m: how far to the right of the gimbal's pivot straight ahead is.
         turns: any axis does; a camera that is bolted may as well be turned as its last axis.
     """
@@ -137,7 +137,7 @@ class _Problem:
     def __init__(
         self, views: Sequence[View], yaw: Axis, pitch: Axis, aside_m: float, camera_yaw: float
     ) -> None:
-        """Take what is known; camera_yaw: how far the camera may be turned aside, rad."""
+        """Make the problem; camera_yaw: standard deviation of the camera's yaw on its axis, rad."""
         self._views, self._yaw, self._pitch, self._aside_m = views, yaw, pitch, aside_m
         self._camera_sigma = np.array([_CAMERA_SIGMA, camera_yaw])
         self._cut = yaw.size + pitch.size
@@ -206,7 +206,7 @@ class _Problem:
             tilt = math.hypot(view.pad.sigma_tilt, _TILT_SIGMA)
             heading = math.hypot(view.pad.sigma_yaw or 0.0, _HEADING_SIGMA)
             rest += scale(sub(view.pad.normal, normal), 1.0 / tilt)
-            # Only what turns it about the normal is news.
+            # Only the rotation about the normal is new information.
             rest.append(dot(view.pad.north or north, cross(normal, north)) / heading)
         for place, row in self._row.items():
             level = sub(_column(self._lie(x, place), 2), self._down[place])

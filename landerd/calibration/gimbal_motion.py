@@ -1,4 +1,4 @@
-"""Moves a gimbal over a pad that lies still, and notes what the camera sees meanwhile."""
+"""Moves a gimbal over a pad that lies still, and collects the camera's views of it."""
 
 import asyncio
 import math
@@ -25,23 +25,23 @@ from landerd.runtime.daemon import Devices
 
 AxisName = Literal["yaw", "pitch"]
 
-_PICTURES_EACH = 2  # taken in each direction
-_SIGN_STEP = math.radians(6.0)  # ordered, to see which way an axis turns
-FEWEST_VIEWS = 8  # that a calibration is made of
-_LEAST_FOLLOWED = 0.3  # part of an order that must come, for the gimbal to be said to follow
+_PICTURES_EACH = 2  # pictures taken in each direction
+_SIGN_STEP = math.radians(6.0)  # turn that is ordered to find an axis's sign
+FEWEST_VIEWS = 8  # least number of views for a calibration
+_LEAST_FOLLOWED = 0.3  # least share of an ordered turn that counts as following it
 _SEARCH_PITCHES = tuple(math.radians(a) for a in (0.0, -20.0, -40.0, -60.0, -80.0, 20.0))
-_FROM_MIDDLE = 0.6  # of half the picture: how far from its middle the pad is brought
-_WIDEST_YAW = math.radians(35.0)  # straight down it would be any
+_FROM_MIDDLE = 0.6  # distance to which the pad is brought from the middle; share of half a picture
+_WIDEST_YAW = math.radians(35.0)  # limit of yaw orders, which straight down would be unlimited
 _SURE_YAW = math.radians(1.0)
-_SWING = math.radians(5.0)  # amplitude
+_SWING = math.radians(5.0)  # amplitude of swings
 _SWING_HZ, _SWING_S = 0.5, 3.0
-_SWING_PICTURES_S = 0.05  # between pictures that are searched
-_DELAYS_S = np.arange(-0.25, 0.6, 0.002)  # that are tried
+_SWING_PICTURES_S = 0.05  # interval of the pictures that are searched
+_DELAYS_S = np.arange(-0.25, 0.6, 0.002)  # delays that are tried
 
 
 @dataclass(frozen=True)
 class Delays:
-    """How late pictures are of an axis in motion, s; by their times of exposure."""
+    """Delays of pictures of an axis in motion, by their times of exposure, s."""
 
     order: float  # behind the orders
     report: float  # behind what was reported, by its own times
@@ -49,7 +49,7 @@ class Delays:
 
 @dataclass
 class Measured:
-    """All that was seen."""
+    """Everything that was measured."""
 
     views: list[View] = field(default_factory=list)
     signs: dict[AxisName, int] = field(default_factory=dict)  # of axes that turn
@@ -88,7 +88,7 @@ class GimbalMotion:
         self.measured = Measured()
 
     async def run(self, places: int, ask: Callable[[int], Awaitable[None]]) -> Measured:
-        """Look at pads in so many places, and return what was seen.
+        """Take views of the pad in a number of places, and return them.
 
         Args:
             places: where the pad lies in turn, each straight ahead and level.
@@ -107,7 +107,7 @@ class GimbalMotion:
     # ---- the trial -----------------------------------------------------------------------------
 
     async def _turn_around(self, place: int) -> None:
-        """Look at a pad from many angles; the first time, also find signs and delays."""
+        """Take views of the pad at many angles; in the first place also find signs and delays."""
         yaw, pitch, pad = await self._find()
         self._say(f"the pad is seen {_metres(pad)} away; turning the camera around it")
         measured = self.measured
@@ -148,7 +148,7 @@ class GimbalMotion:
         )
 
     async def _sign(self, axis: AxisName, yaw: float, pitch: float) -> int | None:
-        """Return 1 if the camera turns as is reported, -1 for the other way; None: it is bolted."""
+        """Return 1 if the camera turns as reported, -1 if the other way; None: it is bolted."""
         low, high = self._limits[axis]
         at = yaw if axis == "yaw" else pitch
         if high - low < _SIGN_STEP:
@@ -202,7 +202,7 @@ class GimbalMotion:
         return list(dict.fromkeys(cross + corners))
 
     async def _delays_of(self, axis: AxisName, yaw: float, pitch: float) -> Delays:
-        """Swing an axis to and fro, and return how late the pictures are."""
+        """Swing an axis to and fro, and return the pictures' delays."""
         frames = await self._swing(axis, yaw, pitch)
         times, angles = [], []
         for frame in frames:
@@ -253,7 +253,7 @@ class GimbalMotion:
     # ---- orders and pictures -------------------------------------------------------------------
 
     async def _look(self, yaw: float, pitch: float, place: int) -> list[View]:
-        """Turn there, wait until it stands still, and return what some pictures show."""
+        """Turn there, wait until the gimbal stands still, and return views by some pictures."""
         views = []
         async with self._bench.ordering(lambda _: GimbalCommand(yaw, pitch)):
             await asyncio.sleep(self._rest_s)
@@ -273,7 +273,7 @@ class GimbalMotion:
         return views
 
     async def _pad_in(self, frame: Frame) -> PoseSolution | None:
-        await asyncio.sleep(0.0)  # a search takes long: links are served in between
+        await asyncio.sleep(0.0)  # links are served between searches, which take long
         pads = [pad for pad in self._search(frame).pad if _tells_heading(pad)]
         return pads[0] if pads else None
 

@@ -1,4 +1,4 @@
-"""What a flight log holds beside the core's messages, and the names of its topics.
+"""The records of a flight log besides the core's messages, and the names of its topics.
 
 | topic | what |
 |---|---|
@@ -37,12 +37,12 @@ VERSIONS = "versions"  # metadata
 
 @dataclass(frozen=True)
 class Head:
-    """What a flight begins with, and does not change: configuration, pad, calibration."""
+    """What stays the same during a flight: configuration, pad, calibration."""
 
     config: Config
     layout: PadLayout
     camera: CameraModel
-    wall_offset_s: float = 0.0  # what makes Unix time of the event loop's; 0: simulated time
+    wall_offset_s: float = 0.0  # Unix time minus the event loop's, s; 0: simulated time
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +52,12 @@ class Searched:
     t: float  # exposure, s
     seq: int
     prior: Prior
-    anew: bool = False  # vision had begun anew: a search before this one had failed, or hung
+    anew: bool = False  # vision was replaced before it, as an earlier search had failed or hung
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """How the core sees the landing."""
+    """The core's view of the landing."""
 
     t: float
     phase: Phase
@@ -65,12 +65,12 @@ class State:
     outcome: str | None
     aborts: int
     relative: RelativeState | None  # None while pad or vehicle is unknown
-    sensors: SensorErrors | None = None  # None: of an older landerd
-    health: Health | None = None  # of the last moments; None: nothing was seen, or older
+    sensors: SensorErrors | None = None  # None: the log is of an older landerd
+    health: Health | None = None  # lately; None: nothing was seen, or an older landerd
 
 
 def state_of(lander: Lander, now: float) -> State:
-    """Return how the core sees the landing now (loop time, s)."""
+    """Return the core's view of the landing now (loop time, s)."""
     return State(
         now,
         lander.phase,
@@ -85,12 +85,12 @@ def state_of(lander: Lander, now: float) -> State:
 
 @dataclass(frozen=True, slots=True)
 class Dropped:
-    """What could not be recorded since the log's beginning."""
+    """Numbers of records that could not be written since the log's beginning."""
 
     images: int
     detail: int  # states, transforms, annotations
     messages: int  # of the core: the log replays up to the first gap only
-    errors: int  # could not be written as JSON
+    errors: int  # records that could not be encoded as JSON
 
 
 OWN: dict[str, type] = {STATE: State, SEARCHED: Searched, DROPPED: Dropped}

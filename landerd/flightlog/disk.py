@@ -1,4 +1,4 @@
-"""Files that lose at most what was not synced, and a folder of logs that leaves the disk room."""
+"""Files that lose at most unsynced data, and a folder of logs that leaves room on the disk."""
 
 import contextlib
 import os
@@ -6,9 +6,9 @@ from pathlib import Path
 
 
 class SyncedFile:
-    """A new file whose bytes wait in memory until `sync`; a full disk only makes them wait longer.
+    """A new file whose bytes stay in memory until `sync`, and longer if the disk is full.
 
-    What is on the disk is at all times the beginning of what was written.
+    The file on the disk is at all times a beginning of the bytes written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -21,8 +21,8 @@ class SyncedFile:
         self._waiting = bytearray()
         self._length = 0
         self.path = path
-        self.error: str | None = None  # why bytes are waiting, None while they need not
-        with contextlib.suppress(OSError):  # so that the name, too, outlives a power cut
+        self.error: str | None = None  # why the disk took no bytes; None: it did
+        with contextlib.suppress(OSError):  # so that its name, too, survives a power cut
             folder = os.open(path.parent, os.O_RDONLY)
             try:
                 os.fsync(folder)
@@ -31,7 +31,7 @@ class SyncedFile:
 
     @property
     def waiting(self) -> int:
-        """Bytes that the disk has not taken."""
+        """Number of bytes that the disk has not taken yet."""
         return len(self._waiting)
 
     def write(self, data: bytes) -> int:
@@ -41,14 +41,14 @@ class SyncedFile:
         return len(data)
 
     def tell(self) -> int:
-        """Return how much was written, on the disk or waiting."""
+        """Return the number of bytes written, on the disk or waiting."""
         return self._length
 
     def flush(self) -> None:
-        """Do nothing: the disk's turn comes with `sync`."""
+        """Do nothing: bytes go to the disk in `sync`."""
 
     def sync(self) -> bool:
-        """Bring what waits safely onto the disk; False if the disk does not take it (now)."""
+        """Write waiting bytes to the disk safely; return False if it does not take them (now)."""
         try:
             while self._waiting:
                 done = os.write(self._fd, self._waiting)
@@ -61,30 +61,30 @@ class SyncedFile:
         return True
 
     def close(self) -> None:
-        """Sync and close; what the disk does not take is lost."""
+        """Sync and close; bytes that the disk does not take are lost."""
         self.sync()
         os.close(self._fd)
 
 
 def free_bytes(folder: Path) -> int:
-    """Return how much the folder's disk has room for."""
+    """Return the free bytes on the folder's disk."""
     disk = os.statvfs(folder)
     return disk.f_bavail * disk.f_frsize
 
 
 def next_number(folder: Path) -> int:
-    """Return the number of the next log: clocks of boards without battery cannot order logs."""
+    """Return the next log's number: the clock of a board without battery cannot order logs."""
     return 1 + max(
         (n for log in folder.glob("*.mcap") if (n := _number(log)) is not None), default=0
     )
 
 
 def rotate(folder: Path, most_bytes: int, running: Path) -> list[Path]:
-    """Delete the oldest logs until all together have at most this many bytes.
+    """Delete the oldest logs until all of them together have at most this many bytes.
 
     Args:
-        folder: of numbered logs; files of other names are left alone.
-        most_bytes: that may stay.
+        folder: folder of numbered logs; files with other names are ignored.
+        most_bytes: most bytes that may remain.
         running: the log in progress: neither counted nor deleted, however long it gets.
 
     Returns:
@@ -98,7 +98,7 @@ def rotate(folder: Path, most_bytes: int, running: Path) -> list[Path]:
     sizes: dict[Path, int] = {}
     for *_, path in logs:
         if path.stem != running.stem:
-            with contextlib.suppress(OSError):  # somebody else has deleted it meanwhile
+            with contextlib.suppress(OSError):  # it was deleted by others meanwhile
                 sizes[path] = path.stat().st_size
     total = 0
     for size in sizes.values():
@@ -109,7 +109,7 @@ def rotate(folder: Path, most_bytes: int, running: Path) -> list[Path]:
             break
         try:
             path.unlink(missing_ok=True)
-        except OSError:  # it stays, and a younger one has to go
+        except OSError:  # it cannot be deleted: a newer one is deleted instead
             continue
         total -= size
         deleted.append(path)
@@ -134,7 +134,7 @@ def part(path: Path, number: int) -> Path:
 def later_flight(path: Path, number: int) -> Path:
     """Return the file of a later flight (from 2) of a run that was to be recorded in one file.
 
-    Its name is one that people do not give: what a run before left there is removed.
+    Its name is not one that users choose: a file that an earlier run left there is removed.
     """
     return path.with_stem(f"{path.stem}.restart-{number}")
 

@@ -1,7 +1,7 @@
-"""Reads flight logs, also those that end in the middle of anything.
+"""Reads flight logs, even those that end in the middle of a record.
 
 The file is read from front to back; neither its index nor its end is needed. A part that is
-damaged is left out and told; reading ends where the next part's beginning is not known any more.
+damaged is left out and noted; reading ends when the beginning of the next part is unknown.
 """
 
 import json
@@ -27,8 +27,8 @@ from landerd.messages import Command, Frame, Input
 from landerd.pad import PadLayout
 
 _MAGIC = b"\x89MCAP0\r\n"
-_MOST_BYTES = 1 << 28  # of one record: a length beyond this is damage
-# What the library raises over damaged bytes, beside its own errors.
+_MOST_BYTES = 1 << 28  # most bytes of one record: a larger length means damage
+# Exceptions that the library raises on damaged bytes, besides its own.
 _DAMAGE = (
     McapError,
     ZstdError,
@@ -50,7 +50,7 @@ class Step:
     """One step of the core as logged."""
 
     number: int
-    now: float  # when it was taken, s on the event loop's clock
+    now: float  # time of the step on the event loop's clock, s
     message: Input
     commands: list[Command] = field(default_factory=list)
     json: list[tuple[str, bytes]] = field(default_factory=list)  # the commands' type and bytes
@@ -58,7 +58,7 @@ class Step:
 
 @dataclass
 class FlightLog:
-    """What could be read of one flight."""
+    """The readable part of one flight's log."""
 
     path: Path
     config: dict[str, Any]  # plain; landerd.config.files.from_record makes a Config of it
@@ -67,19 +67,19 @@ class FlightLog:
     versions: dict[str, str]
     wall_offset_s: float
     steps: list[Step] = field(default_factory=list)
-    replayable: int = 0  # so many steps from the first without a gap
+    replayable: int = 0  # number of steps from the first on without a gap
     searched: list[Searched] = field(default_factory=list)
     states: list[State] = field(default_factory=list)
     dropped: Dropped | None = None
     images: int = 0
-    notes: list[str] = field(default_factory=list)  # what is wrong with the file, a line each
+    notes: list[str] = field(default_factory=list)  # damage of the file, one line each
 
 
 def read_log(path: Path) -> FlightLog:
     """Read a flight log as far as it goes.
 
     Raises:
-        LogError: no file, no log, or what a replay needs is not in it.
+        LogError: the file is missing, is not a log, or lacks what a replay needs.
     """
     notes: list[str] = []
     head: dict[str, bytes] = {}

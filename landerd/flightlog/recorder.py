@@ -1,8 +1,8 @@
 """Records a flight while it happens, without the control task waiting for it.
 
-The control task only appends to a queue; a thread turns what is in it into bytes and brings them
-to the disk twice a second. When thread or disk cannot follow, images are dropped first, then what
-only people look at, and the core's messages last; all is counted, nothing is waited for.
+The control task only appends to a queue; a thread encodes the items and writes the bytes to the
+disk twice a second. If thread or disk cannot keep up, images are dropped first, then detail that
+only viewers need, and the core's messages last. Drops are counted, and nothing ever waits.
 """
 
 import contextlib
@@ -41,20 +41,20 @@ from landerd.messages import (
 
 log = logging.getLogger("landerd")
 
-SYNC_S = 0.5  # what was not synced is lost with the power
+SYNC_S = 0.5  # interval of syncs; unsynced data are lost in a power cut
 POLL_S = 0.05
 STATE_S = 0.1
-MOST_IMAGES, MOST_DETAIL, MOST_MESSAGES = 8, 2000, 20000  # waiting in the queue
-NO_DETAIL = 0.25  # of keep_free_mb: with less room only the core's messages are recorded
-MOST_WAITING = 16 << 20  # bytes that the disk has not taken
+MOST_IMAGES, MOST_DETAIL, MOST_MESSAGES = 8, 2000, 20000  # most items of a kind in the queue
+NO_DETAIL = 0.25  # share of keep_free_mb below which only the core's messages are recorded
+MOST_WAITING = 16 << 20  # most bytes that wait for the disk
 _MB = 1_000_000
 
 
 class MavlinkLog(Protocol):
-    """Turns the link's bytes into those of a .tlog."""
+    """Converts the link's bytes to those of a .tlog."""
 
     def encode(self, epoch_us: int, data: bytes, *, outgoing: bool) -> bytes:
-        """Return the frames that are complete, each behind its time."""
+        """Return the log entries of the complete frames, each its time and the frame."""
         ...
 
 
@@ -69,11 +69,11 @@ class _Files:
 
 
 class Recorder:
-    """An observer of the daemon that keeps the flight log; never raises in flight.
+    """An observer of the daemon that writes the flight log; it never raises in flight.
 
     Attributes:
-        logs: the flight logs that were begun, but for those of a vehicle that only stood there.
-        failures: which files are not there or not whole, and why; known when it was closed.
+        logs: the flight logs begun, except those in which the vehicle only stood disarmed.
+        failures: files that are missing or incomplete, and why; complete after `close`.
     """
 
     def __init__(
@@ -85,14 +85,14 @@ class Recorder:
         background: bool,
         mavlink: Callable[[], MavlinkLog] | None = None,
     ) -> None:
-        """Prepare; the files are made when the flight begins.
+        """Make a recorder; the files are created when a flight begins.
 
         Args:
-            head: what was fixed before.
+            head: configuration, pad and calibration.
             options: images, limits.
-            target: a folder of numbered logs; or the file, FILE.mcap, of a single flight.
-            background: write in a thread; else at once, as on a virtual clock.
-            mavlink: makes what the bytes given to `raw` go through; None: no .tlog.
+            target: a folder for numbered logs, or the file, FILE.mcap, of a single flight.
+            background: write in a thread; otherwise at once, for a virtual clock.
+            mavlink: makes the encoder for the bytes given to `raw`; None: no .tlog.
         """
         self._head = head
         self._options = options
@@ -104,15 +104,15 @@ class Recorder:
         self._frames = 0
         self._anew = False
         self._armed = True  # as far as is known
-        self._idle = True  # in all of this file so far
-        self._idle_part: Path | None = None  # an earlier one of this flight
+        self._idle = True  # the vehicle was disarmed in all of this file so far
+        self._idle_part: Path | None = None  # an earlier file of this flight, also idle
         self._number = 0
         self._flights = 0
         self._lander: Lander | None = None
-        self._now = 0.0  # of the newest step, loop time
+        self._now = 0.0  # loop time of the newest step, s
         self._state_t = 0.0
         self._synced_t = 0.0
-        self._low = 0  # 1: no room for images, 2: none for detail, or the disk takes nothing
+        self._low = 0  # 1: no room for images; 2: none for detail either, or the disk is full
         self._dropped: Counter[str] = Counter()
         self._dropped_written = Dropped(0, 0, 0, 0)
         self.logs: list[Path] = []
@@ -126,7 +126,7 @@ class Recorder:
     # ---- seen by the control task: must not wait -----------------------------------------------
 
     def on_flight(self, lander: Lander) -> None:
-        """A new flight with a new core: begin a new file."""
+        """Begin a new file: a new flight, with a new core, has begun."""
         self._lander = lander
         self._number = self._frames = 0
         self._anew = False
@@ -150,24 +150,24 @@ class Recorder:
             self._put(self._image, (self._now, frame))
 
     def on_vision_reset(self) -> None:
-        """Record with the next frame that vision began anew."""
+        """Record with the next frame that vision was replaced."""
         self._anew = True
 
     def on_last_orders(self, now: float) -> None:
-        """Nothing is written: the core's last step is in the log, and a replay fails as it did."""
+        """Write nothing: the core's last step is in the log, and a replay fails like it did."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """Record what the core took and gave."""
+        """Record a message that the core took, and its commands."""
         self._now = now
         if isinstance(message, Heartbeat):
             self._armed = message.armed
         number = self._number
-        self._number += 1  # also of what is dropped: the gap shows
+        self._number += 1  # counts dropped steps, too, so that the gap shows
         if not self._takes_messages():
             self._dropped["messages"] += 1
         else:
             self._put(self._step, (number, now, message, commands, self._takes_detail()))
-        # A change at once: the log may end with it, and the last state tells the outcome.
+        # At a change of phase, too: the log may end there, and the last state tells the outcome.
         changed = any(isinstance(command, PhaseChange) for command in commands)
         if changed or (isinstance(message, Tick) and now - self._state_t >= STATE_S):
             self._state_t = now
@@ -210,7 +210,7 @@ class Recorder:
     # ---- the thread ----------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Write what is left, and the index."""
+        """Write the rest of the queue, and the index."""
         self._ended.set()
         if self._thread is not None:
             self._thread.join()
@@ -265,7 +265,7 @@ class Recorder:
         return _Files(mcap, writer, tlog, mavlink)
 
     def _go_on_in_another(self, old: _Files) -> None:
-        """Let the flight go on in its next files.
+        """Continue the flight in its next files.
 
         Of a vehicle that stands disarmed for days only the last two are kept: the flights before
         are worth more.
@@ -307,13 +307,13 @@ class Recorder:
                     self.failures.append(f"{file.path}: not wholly written: {file.error}")
 
     def _give_up(self, e: OSError) -> None:
-        """The files of a flight cannot be made: fly without."""
+        """Continue without files, as those of a flight cannot be created."""
         self._files = None
         self.failures.append(f"{e.filename}: cannot be written: {e.strerror}")
         log.error("this flight is not recorded: %s: %s", e.filename, e.strerror)
 
     def _sync(self, now: float) -> None:
-        """Bring what there is to the disk, and see how much room is left."""
+        """Write all bytes to the disk, and check how much room is left."""
         files = self._files
         if files is None:
             return
@@ -322,7 +322,7 @@ class Recorder:
         taken = files.mcap.sync() & (files.tlog is None or files.tlog.sync())
         folder = files.mcap.path.parent
         if folder == self._target:
-            with contextlib.suppress(OSError):  # what stays takes room, and that is looked at next
+            with contextlib.suppress(OSError):  # a log that stays uses room, which is checked next
                 self._keep_in_bounds(files)
         try:
             free = free_bytes(folder)

@@ -1,4 +1,4 @@
-"""Runs a log's inputs through today's core, and its frames through today's vision."""
+"""Runs a log's inputs through the present core, and its frames through the present vision."""
 
 import json
 import math
@@ -13,8 +13,8 @@ from landerd.lander import Lander
 from landerd.messages import Command, Frame, Phase, PhaseChange, Sightings
 from landerd.vision import Vision
 
-TOLERANCE = 1e-9  # of commands where the machine's sines differ
-PIXEL_TOLERANCE, POSITION_TOLERANCE_M = 0.02, 1e-6  # of sightings on another platform
+TOLERANCE = 1e-9  # largest difference of commands on machines with other sine functions
+PIXEL_TOLERANCE, POSITION_TOLERANCE_M = 0.02, 1e-6  # for sightings on another platform
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Difference:
 
 @dataclass
 class Comparison:
-    """How a replay compares with its log."""
+    """The differences between a replay and its log."""
 
     compared: int = 0  # commands, or frames
     differing: int = 0
@@ -58,7 +58,7 @@ class Comparison:
 
 @dataclass
 class Replayed:
-    """What today's core does with a log's inputs."""
+    """The commands of the present core on a log's inputs."""
 
     comparison: Comparison
     steps: list[tuple[float, list[Command]]]  # loop time and commands
@@ -102,7 +102,7 @@ def replay(log: FlightLog, config: Config) -> Replayed:
 
 @dataclass
 class VisionReplayed:
-    """What today's vision sees in a log's frames."""
+    """The sightings of the present vision in a log's frames."""
 
     comparison: Comparison
     pixels: float = 0.0  # largest difference of an outline
@@ -110,12 +110,12 @@ class VisionReplayed:
 
     @property
     def within_tolerance(self) -> bool:
-        """Whether it is what another platform may give."""
+        """Whether the differences may be due to another platform."""
         return self.pixels <= PIXEL_TOLERANCE and self.metres <= POSITION_TOLERANCE_M
 
 
 def replay_vision(log: FlightLog, config: Config) -> VisionReplayed | str:
-    """Search the log's frames again and compare what is seen; or say why that is not possible.
+    """Search the log's frames again and compare the sightings; or return why that is impossible.
 
     Those after the landing, which are not recorded, are left out.
     """
@@ -138,9 +138,9 @@ def replay_vision(log: FlightLog, config: Config) -> VisionReplayed | str:
             vision = Vision(log.layout, log.camera, config.vision, meters=meters)
         sightings = vision.process(Frame(searched.t, searched.seq, frame.image), searched.prior)
         logged = seen.get(searched.seq)
-        if logged is None:  # the log ends before the core took them
+        if logged is None:  # the log ends before the core took these sightings
             continue
-        # These are the camera's, not vision's.
+        # These two come from the camera, not from vision.
         sightings = replace(sightings, sigma_t=logged.sigma_t, arrived_t=logged.arrived_t)
         result.comparison.compared += 1
         a, b = codec.encode(logged), codec.encode(sightings)

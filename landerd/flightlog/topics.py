@@ -1,4 +1,4 @@
-"""Turns what happens in a flight into messages of the log's topics; derived classes write them."""
+"""Converts a flight's events to messages of the log's topics; derived classes write them."""
 
 import json
 import math
@@ -33,16 +33,16 @@ from landerd.messages import (
     StatusText,
 )
 
-TRANSFORM_S = 0.05  # as often as an eye can use
+TRANSFORM_S = 0.05  # interval of transforms, as short as an eye can use
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
 
 
 class TopicWriter(ABC):
-    """Writes steps, pictures and what people look at to topics, as a flight goes on."""
+    """Writes a flight's steps, pictures, and data for viewers to topics."""
 
     def __init__(self, head: Head) -> None:
-        """Name all topics at the beginning, so that a damaged part takes none with it."""
+        """Open all topics at the beginning, so that none is lost with a damaged part."""
         self._head = head
         self._attitude: Attitude | None = None
         self._drawn: dict[str, float] = {}  # when each frame's transform was last written
@@ -60,14 +60,14 @@ class TopicWriter(ABC):
 
     @abstractmethod
     def _open(self, topic: str, schema_name: str, schema: bytes) -> None:
-        """Make ready for messages of this topic, in JSON of this schema."""
+        """Prepare for messages of this topic, JSON of this schema."""
 
     @abstractmethod
     def _put(self, topic: str, ns: int, data: bytes, measured_ns: int, number: int) -> None:
         """Write a message; times are Unix time, ns, as that of the core's step and the datum's."""
 
     def wants(self, topic: str) -> bool:
-        """Tell whether anybody reads it; else it need not be made."""
+        """Tell whether a topic is read by anybody; if not, its messages need not be made."""
         return True
 
     # ---- what a replay needs -------------------------------------------------------------------
@@ -99,15 +99,15 @@ class TopicWriter(ABC):
     # ---- what people look at -------------------------------------------------------------------
 
     def state(self, state: State) -> None:
-        """Write how the core sees the landing."""
+        """Write the core's view of the landing."""
         self._add(contents.STATE, state.t, state)
 
     def dropped(self, now: float, dropped: Dropped) -> None:
-        """Write how much could not be recorded."""
+        """Write the numbers of records that could not be written."""
         self._add(contents.DROPPED, now, dropped)
 
     def calibration(self, now: float) -> None:
-        """Write what viewers need once: calibration, which way is up, pad and vehicle."""
+        """Write what viewers need once: calibration, the upward direction, pad and vehicle."""
         camera = foxglove.calibration(self._ns(now), self._head.camera)
         self._add(contents.CALIBRATION, now, camera)
         self._transform(now, now, "map", "local", (0.0, 0.0, 0.0), foxglove.NED_IN_MAP)
@@ -140,7 +140,7 @@ class TopicWriter(ABC):
                 self._transform(now, message.t, "camera", "pad", pad.position, _axes(pad))
 
     def events(self, now: float, commands: list[Command]) -> None:
-        """Write what was told to the pilot, and changes of phase."""
+        """Write texts for the pilot, and changes of phase."""
         for command in commands:
             if isinstance(command, StatusText):
                 urgent = command.severity <= Severity.WARNING

@@ -19,7 +19,7 @@ from landerd.flightlog.topics import TopicWriter
 
 
 class LogWriter(TopicWriter):
-    """One MCAP file. Nothing is on the disk before `flush` and the file's own `sync`."""
+    """One MCAP file; bytes reach the disk by `flush` followed by the file's own `sync`."""
 
     def __init__(self, file: SyncedFile, head: Head) -> None:
         """Write the head: configuration, pad, calibration, versions."""
@@ -36,7 +36,7 @@ class LogWriter(TopicWriter):
         super().__init__(head)
 
     def flush(self) -> None:
-        """Complete what was begun, so that it can be read although nothing may follow."""
+        """Complete the chunk begun, so that it can be read even if nothing follows."""
         self._mcap.flush()  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
@@ -53,7 +53,7 @@ class LogWriter(TopicWriter):
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that a replay elsewhere may differ by."""
+    """Return the versions of software on which the results of a replay depend."""
     return {
         "landerd": __version__,
         "python": platform.python_version(),
@@ -66,7 +66,7 @@ def versions() -> dict[str, str]:
 
 
 def config_json(config: BaseModel) -> bytes:
-    """Return the configuration as JSON; of files only the names, their contents are attached."""
+    """Return the configuration as JSON, with files by name only, as their contents are attached."""
     return json.dumps(_named(config.model_dump()), indent=1, allow_nan=False).encode()
 
 
