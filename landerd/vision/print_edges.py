@@ -1,9 +1,12 @@
 """Fit of a printed marker's pose to the edges of its cells, whatever light lies on them.
 
-The fit to grey levels knows one even light. Under a sharp shadow, leaves or glare the edges of the
-cells stay where they are: each is looked for on a line across it, between the black and the white
-beside it, so that any light that is alike on both will do. Edges that a shadow's own edge, dirt or
-a leg takes away are outliers.
+The fit to grey levels (`print_fit`) assumes even light. Under a sharp shadow, leaves or glare the
+edges of the cells stay in place: each is looked for on a line across it, between the black and the
+white beside it, so that only the light on both sides need be alike. Edges that a shadow's own edge,
+dirt or a leg hides are outliers.
+
+`square_edges` and `whycode_edges` list the edges of a print; `square_fit`, `square_beside` and
+`whycode` use the fit.
 """
 
 import math
@@ -27,64 +30,66 @@ from landerd.vision.patch import on_plane, pose_slope
 from landerd.vision.pose import EQUAL_NORMALS_COS, MIN_DEPTH_M, Pose
 from landerd.vision.square_pose import corner_information
 
-_ABREAST = np.array([-0.25, 0.0, 0.25])  # lines across one edge that are averaged, in cells
-_SAMPLES = 17  # on each
-_REACH = 0.45  # of a line to either side, in cells
-_FINE_PX = 5.0  # the same once the edges are nearly where they should be, if that is less
-_ENDS = 3  # samples at either end of a line that tell black and white
-# Of black, over the white beside it: under glare on the whole print. Of 196 other tags, plain,
-# shaded, dirty and glaring, no more were taken for one's own than with 0.8.
+_ABREAST = np.array([-0.25, 0.0, 0.25])  # offsets of parallel lines that are averaged, in cells
+_SAMPLES = 17  # on each line
+_REACH = 0.45  # of a line to either side of its edge, in cells
+_FINE_PX = 5.0  # the same in later rounds, px, if that is less
+_ENDS = 3  # samples at either end of a line whose mean is black or white
+# Largest black over the white beside it: glare on the whole print brightens black. Of 196 other
+# tags, plain, shaded, dirty and glaring, no more were taken for the pad's than with 0.8.
 _MOST_BLACK = 0.9
 _MIN_CELL_PX = 2.0  # smaller cells blur into one another
-_ROUNDS, _STEPS = 3, 3  # looks at the image, and steps to the edges so found
-_COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.4, 0.08
-_SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves all edges by, into the black or the white
+_ROUNDS, _STEPS = 3, 3  # rounds of looking for edges, and Gauss-Newton steps in each
+_COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.4, 0.08  # least noise of edges: in the first round, later
+_SHIFT_SIGMA_PX = 0.5  # of the shift of all edges by a tone curve, before anything is seen
 _MOST_CORRELATED = 0.95
-_BIAS_PX, _NOISE_BIAS = 0.1, 0.3  # of the corners, that no residual shows; and over the noise
-_SHIFT_BIAS = 0.2  # of the shift
-_NEAR_PX, _NEAR_CELLS = 0.35, 0.05  # an edge is as fitted within the sum of these
-_MIN_SEEN, _MIN_CODE_SEEN = 0.4, 0.15  # share of all edges, and of those within the print
-# Of the steps between black and white where cells meet within a print that is hidden in part, so
-# many must be there, and such a share be the code's: of 520 dirty, shaded or glaring tags 95 % were
-# told with it and 85 % without, of other ids' 1 in 1400 as without.
+# Errors that residuals do not show: of the corners, px, and as a share of the noise; and a share of
+# the shift.
+_BIAS_PX, _NOISE_BIAS = 0.1, 0.3
+_SHIFT_BIAS = 0.2
+_NEAR_PX, _NEAR_CELLS = 0.35, 0.05  # an edge is in place within the sum of these, px and cells
+_MIN_SEEN, _MIN_CODE_SEEN = 0.4, 0.15  # least share seen of all edges, and of those of the code
+# In a print that is hidden in part: least number of steps between black and white where cells of
+# the code meet, and the share of these that must be this code's. Of 520 dirty, shaded or glaring
+# tags 95 % were recognised with it and 85 % without; of other ids' tags 1 in 1400 either way.
 _MIN_STEPS, _MIN_OWN_STEPS = 12, 0.8
-_MIN_HIDDEN_OUTLINE = 0.5  # of its border
+_MIN_HIDDEN_OUTLINE = 0.5  # least share of the border's edges in place then
 
 
 @dataclass(frozen=True)
 class EdgeFit:
     """A pose fitted to edges, and how much of the print they show."""
 
-    pose: Pose  # with its information, biases included
-    support: float  # share of the edges in the image that are as fitted: of all, and
-    outline_support: float  # of those of its border, and
-    code_support: float  # of those within the print, which tell it from others
-    turned: float  # share of those within the print that are white for black
-    noise_px: float  # of edges, robust
-    residual: F64  # (n,), px; nan where none is seen
-    dependence: float  # how many times fewer edges than were looked for are independent
-    shift_px: float  # by which a tone curve moves all edges, into the black
-    own_steps: int  # those within the print that are as fitted
+    pose: Pose  # its information includes biases
+    support: float  # share of the edges in the image that are in place
+    outline_support: float  # the same of the border's edges
+    code_support: float  # the same of the code's edges, which distinguish it from other prints
+    turned: float  # share of the code's edges that are white for black
+    noise_px: float  # robust sigma of the edges' residuals
+    residual: F64  # (n,), px; NaN where none is seen
+    dependence: float  # number of edges over that of independent ones
+    shift_px: float  # of all edges by a tone curve, into the black
+    own_steps: int  # number of the code's edges that are in place
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Where edges between cells are looked for, on the marker's own axes, north and east."""
+    """Lines across edges between cells, on the marker's own axes, north and east."""
 
-    place: F64  # of an edge's middle, m, (n, 2)
-    way: F64  # across it to the white, unit vectors, (n, 2)
-    curvature: F64  # of the edge, (n,), 1/m: beside its middle it lies farther to the white
+    place: F64  # middle of the edge, m, (n, 2)
+    way: F64  # unit vector across the edge to the white, (n, 2)
+    curvature: F64  # of the edge, 1/m, (n,); positive: its ends lie farther to the white
 
     def of(self, which: Mask) -> "Lines":
-        """Return those of the lines (n,)."""
+        """Return the lines that `which` (n,) selects."""
         return Lines(self.place[which], self.way[which], self.curvature[which])
 
     def turned(self) -> "Lines":
-        """Return the same with white on the other side."""
+        """Return the same lines with white on the other side."""
         return Lines(self.place, -self.way, -self.curvature)
 
     def and_those(self, *others: "Lines") -> "Lines":
-        """Return these and others."""
+        """Return these lines and others."""
         parts = (self, *others)
         return Lines(
             np.concatenate([p.place for p in parts]),
@@ -99,16 +104,16 @@ class _Seen:
 
     lines: Lines  # on which they were looked for
 
-    rays: F64  # (3, n), homogeneous
+    rays: F64  # lines of sight of the edges, homogeneous, (3, n)
     seen: Mask  # (n,)
     in_image: Mask  # (n,)
-    turned: Mask  # (n,): white where black is printed
-    scale: F64  # (n,), px a metre across the edge
+    turned: Mask  # white where black is printed, and the reverse, (n,)
+    scale: F64  # px per metre across the edge, (n,)
 
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Where steps to edges have led; the rest as of the last step."""
+    """The result of steps to the edges; residual, weight and H are those of the last step."""
 
     pose: Pose
     shift_px: float
@@ -127,10 +132,10 @@ class PrintEdges:
         """Prepare to look for a print's edges.
 
         Args:
-            edges: across what is black and white beside each other.
-            is_code: of each (n,), whether it is within the print and tells it from others.
-            foreign: across what other codes would have within the print.
-            cell: width of a cell, m; steps beside an edge lie half of it away.
+            edges: of this print.
+            is_code: which of them (n,) are the code's, and distinguish it from other prints.
+            foreign: edges that other codes would have within the print.
+            cell: width of a cell, m; other edges lie at least half of it away.
             size: of the print, m.
         """
         self._edges, self._is_code, self._foreign = edges, is_code, foreign
@@ -173,9 +178,9 @@ class PrintEdges:
         return fit if fit is not None and self.is_own(image, camera, fit) else None
 
     def is_own(self, image: Image, camera: CameraModel, fit: EdgeFit) -> bool:
-        """Tell whether what is seen of a print that was fitted is this one's, hidden in part.
+        """Tell whether a fitted print that is hidden in part is this one, not another's.
 
-        Dirt and shade take steps away and add few where cells meet; another code has other steps.
+        Dirt and shade hide steps and add few where cells meet; another code has steps elsewhere.
         """
         if fit.outline_support < _MIN_HIDDEN_OUTLINE:
             return False
@@ -192,13 +197,13 @@ class PrintEdges:
         return camera.focal * self._cell / float(pose.t[2])
 
     def _shows_print(self, seen: Mask) -> bool:
-        """Tell whether enough edges are seen (n,) for a print to be there, hidden in part."""
+        """Tell whether enough edges are seen (n,) for a print, perhaps hidden in part."""
         return bool(seen.mean() >= _MIN_SEEN and seen[self._is_code].mean() >= _MIN_CODE_SEEN)
 
     def _look(
         self, image: Image, camera: CameraModel, pose: Pose, lines: Lines, reach: float
     ) -> _Seen | None:
-        """Look for edges across so many cells; None, if the print is behind the lens."""
+        """Return the edges seen within `reach` cells; None: the print is behind the lens."""
         along = np.linspace(-reach, reach, _SAMPLES) * self._cell
         aside, abreast = lines.way[:, ::-1] * (-1.0, 1.0), _ABREAST * self._cell
         across = along + 0.5 * lines.curvature[:, None, None] * (abreast**2)[:, None]
@@ -233,7 +238,7 @@ class PrintEdges:
     def _descended(
         self, edges: _Seen, pose: Pose, shift: float, least_noise: float
     ) -> _Fitted | None:
-        """Return what some robust steps to the edges lead to; None: nowhere."""
+        """Return the result of `_STEPS` robust steps to the edges; None: they fail."""
         for _ in range(_STEPS):
             residual, J = self._linearised(edges, pose, shift)
             typical = float(medians(np.abs(residual[edges.seen])[None])[0])
@@ -254,7 +259,7 @@ class PrintEdges:
         return _Fitted(pose, shift, noise, residual, weight, H)
 
     def _linearised(self, edges: _Seen, pose: Pose, shift: float) -> tuple[F64, F64]:
-        """Return how far edges are from where a pose has them (n,), px, and its slope (7, n)."""
+        """Return the edges' residuals (n,), px, and their derivatives by pose and shift (7, n)."""
         north, east = on_plane(edges.rays, pose)
         lines = edges.lines
         off = (lines.way * (np.stack([north, east], axis=1) - lines.place)).sum(axis=1)
@@ -264,7 +269,7 @@ class PrintEdges:
         return shift - off * edges.scale, J
 
     def _judged(self, fitted: _Fitted, edges: _Seen, camera: CameraModel) -> EdgeFit | None:
-        """Return the fit with what tells whether it is of the print."""
+        """Return the fit with everything that tells whether it is of the print."""
         pose, shift, noise = fitted.pose, fitted.shift_px, fitted.noise_px
         focal = camera.focal
         near = _near(edges, fitted.residual, self._cell_px(pose, camera))
@@ -300,14 +305,14 @@ class PrintEdges:
 
 
 def _near(edges: _Seen, residual: F64, cell_px: float) -> Mask:
-    """Tell which edges (n,) are seen where they should be, by their residuals, px."""
+    """Tell which edges (n,) are seen in place, by their residuals, px."""
     return np.asarray(edges.seen & (np.abs(residual) < _NEAR_PX + _NEAR_CELLS * cell_px))
 
 
 def ranked_by_edges(fits: list[EdgeFit]) -> list[Pose]:
-    """Return the poses of different solutions, the first fit's among them, best first.
+    """Return the poses of the different solutions among fits, best first.
 
-    The cost of the best is 0, another's how much worse it explains the edges.
+    The best has cost 0, another the excess of its robust chi-square.
     """
     first, *others = fits
     fits = [first]
@@ -320,7 +325,7 @@ def ranked_by_edges(fits: list[EdgeFit]) -> list[Pose]:
 
 
 def _dependence(residual: F64) -> float:
-    """Return how many times fewer residuals are independent: what disturbs one does the next."""
+    """Return the number of residuals over that of independent ones, by neighbours' correlation."""
     total = float(residual @ residual)
     correlation = float(residual[:-1] @ residual[1:]) / max(total, 1e-12)
     c = min(max(correlation, 0.0), _MOST_CORRELATED)

@@ -1,9 +1,13 @@
-"""Pose of a printed marker by least squares on its pixels.
+"""Pose of a printed marker (square or WhyCode) by least squares on its pixels.
 
-The whole print is known, so every edge of every cell helps, not only the four corners. The model
-image is the print seen under a pose, blurred by the camera and lit with a linear gradient; pose,
-blur and light are fitted together (Gauss-Newton), and the camera's tone curve where the picture
-shows one. The information matrix is the pose's after all else is eliminated.
+The whole print is known, so that every edge of every cell helps, not only the four corners. The
+model image is the print under a pose, blurred by the camera (`blurred_print`) and lit with a linear
+gradient. Pose, blur and light are fitted together (Gauss-Newton), and the camera's tone curve
+(`tone`) if the picture shows one. The information matrix is that of the pose after all other
+parameters are eliminated.
+
+`square_fit.SquarePrint` and `whycode_print.WhyCodePrint` are the prints; `print_edges` is the fit
+for light that this model does not explain.
 """
 
 import math
@@ -30,26 +34,29 @@ _TONE = slice(11, 11 + TONES)
 _ROWS = 11 + TONES
 
 _MAX_STEPS = 12
-# Of chi-square, from which a camera's tone curve is believed in: by chance once in 400 fits.
+# Change of chi-square by a tone curve from which on one is fitted: by chance once in 400 fits.
 _TONE_CHI2 = 12.0
 _DAMPED = 1.0 + 1e-6 * np.eye(_ROWS)
 _PRIOR = np.diag([0.0] * _TONE.start + [TONE_SIGMA**-2] * TONES)  # information
 # Where nothing else is said, the numbers below were set by trial on `bench.vision_square`'s images.
 
-# A last step moves the corners by less than this and reduces chi-square by less than this: along
-# the way to the other solution corners hardly move.
+# The last step moves the corners by less than the first, px, and reduces chi-square by less than
+# the second: on the way to the other solution corners hardly move.
 _CONVERGED_PX = 0.03
 _CONVERGED = 20.0
-# And changes the blur by less: from an exact start only that is left to find, and while it is wrong
-# a rival that took more steps explains more.
+# It also changes the blur by less than this share. From an exact start only the blur is left to be
+# found, and as long as it is wrong, a rival that took more steps explains more.
 _CONVERGED_BLUR = 0.1
-_LEARN_BLUR_PX = 0.2  # motion of the corners by a step: before, being off the print looks like blur
+# The blur is fitted once a step moves the corners by less than this, px: before, a print that is
+# out of place looks like a blurred one.
+_LEARN_BLUR_PX = 0.2
 _ROBUST_SIGMAS = 2.5  # residuals beyond it count less (Huber)
-_TURNED = 0.6  # of the contrast: a residual above it
-_MAX_CORRELATION = 0.95  # of neighbouring residuals: what they tell is never nothing
-_READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
-_SHIFT_BIAS = 0.2  # of what a tone curve moves edges by: no camera's is a cubic
-_UNSHARP_BIAS = 0.05  # of the corners, over the blur beyond a sharp lens's: it is no Gaussian
+_TURNED = 0.6  # residual over contrast above which a pixel is white for black, or the reverse
+_MAX_CORRELATION = 0.95  # of neighbouring residuals: they always tell something
+_READ_NOISE = 1.0  # least sigma of a residual, grey levels
+_SHIFT_BIAS = 0.2  # error of a tone curve's shift of edges, a share of it: no curve is a cubic
+# Error of the corners over the root of the blur beyond a sharp lens's: that is no Gaussian.
+_UNSHARP_BIAS = 0.05
 # Share of the pixels' variance: a fit that explains less is no better than the corners.
 MIN_EXPLAINED = 0.85
 
@@ -62,25 +69,26 @@ class Fit:
     explained: float  # share of the pixels' variance, 1 at best
     squares: float  # weighted sum of squared residuals, grey levels^2
     variance: float  # of one residual, grey levels^2
-    correlation: float  # of neighbouring residuals, 0 (noise alone) to below 1
-    tone: F64  # as `toned` takes it; zeros: none is seen
+    correlation: float  # of neighbouring residuals, from 0 (only noise) to below 1
+    tone: F64  # see `toned`; zeros: the picture shows no curve
     blur: float  # variance, over that of a sharp lens
-    # Share of what tells the print from others that is white for black, or black for white,
-    # whichever is less: what hides a print does one of the two, another print both.
+    # Share of the pixels that distinguish the print from others and are white for black, or that
+    # are black for white, whichever is smaller: dirt or glare cause one of the two, another print
+    # both.
     contradicted: float
-    pixels: float  # sum of weights
-    reduction: int  # of the pixels, as `Patch` has it
+    pixels: float  # number of pixels, as the sum of their weights
+    reduction: int  # of the pixels, see `Patch`
 
 
 @dataclass
 class _Estimate:
-    """Where a fit stands."""
+    """The present parameters of a fit."""
 
     pose: Pose
     blur: float  # variance, pixels^2
     light: F64  # black, contrast, gradients: (4,)
     tone: F64  # (2,)
-    is_toned: bool  # else the tone is held: most information, where the camera is linear
+    is_toned: bool  # the tone is fitted; else it is held, which keeps information if it is linear
 
     @property
     def rows(self) -> int:
@@ -124,8 +132,8 @@ class _NormalEquations:
 class MarkerPrint:
     """The print of one marker, ready to be compared with images.
 
-    Keeps the blur and the tone of what was found last, from which the next fit starts, and the
-    print so blurred.
+    Keeps the blur and the tone of the last fit, from which the next one starts, and the print
+    blurred by as much.
     """
 
     def __init__(self, fine: NDArray[np.floating], size: float, per_m: float, reach: float) -> None:
@@ -135,13 +143,13 @@ class MarkerPrint:
             fine: samples (n, n) of the print and of the white round it, its centre in the middle:
                 1 white, 0 black, its top first.
             size: of the print, m.
-            per_m: samples a metre.
+            per_m: samples per metre.
             reach: how far from the centre print and image are compared, m.
         """
         self._size, self._reach = size, reach
         self._corners = square_points(size)
         self._blurred = BlurredPrint(fine, per_m)
-        self._blur = 1.0  # of what was found last: the next is likely alike
+        self._blur = 1.0  # of the last fit: the next one's is likely similar
         self._tone = LINEAR  # of the camera, as far as it is known
 
     def fit(

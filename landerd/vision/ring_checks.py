@@ -1,4 +1,8 @@
-"""What the grey levels of a fit must show to be a ring's, and not of what looks like one."""
+"""What a ring's fit to grey levels must show, so that no look-alike is taken for a ring.
+
+`ring_search` asks whether a fit is worth the next stage, `ring_selection` whether it is of a ring.
+Noise, here, is the robust sigma of a fit's residuals, grey levels.
+"""
 
 import numpy as np
 
@@ -7,12 +11,13 @@ from landerd.pad import Ring
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_response import is_cameras
 
-# What a rough fit must show to be worth a full one. Of 800 rings in all kinds of light three left
-# more over than the first share of the contrast, seen with nearly all spokes across a shadow's
-# edge, and none more than the second; of the outlines in textures two thirds do.
-_MIN_ROUGH_CONTRAST = 10.0  # grey levels
+# What a rough fit must show to be worth a full one: largest noise over contrast, and the same for
+# candidates with at least the third share of spokes. Of 800 rings in all kinds of light three had
+# more than the first, with nearly all spokes across a shadow's edge, and none more than the second;
+# of the outlines in textures two thirds do.
 _MAX_ROUGH_NOISE, _MAX_CLEAR_ROUGH_NOISE, _CLEAR_SHARE = 0.28, 0.4, 0.8
-_MAX_ROUGH_RATIO = 0.25  # by which the ratio is off, and its sigma
+_MIN_ROUGH_CONTRAST = 10.0  # grey levels
+_MAX_ROUGH_RATIO = 0.25  # largest error of the ratio, and its largest sigma
 
 
 # What a fit must show to be a ring. 350 true rings of `bench.vision_ring`, of 1.5 to 25 m at 0 to
@@ -22,23 +27,30 @@ _MAX_ROUGH_RATIO = 0.25  # by which the ratio is off, and its sigma
 # pixels unexplained, texture has little contrast. With 15 noises in motion and 0.91 of inliers 2 to
 # 5 of 1000 images of look-alikes showed a ring, with these none.
 _MIN_CONTRAST = 12.0  # grey levels
-_MIN_CONTRAST_NOISES, _MIN_MOVING_CONTRAST_NOISES = 9.0, 20.0
-_MIN_INLIERS = 0.93
-_MIN_NOISY_CONTRAST_NOISES = 3.0  # of loud noise and nothing else
-_LEAST_AROUND = 0.5  # of the hole's contrast, that of the surroundings, in it
-# Of the surroundings' contrast, the hole's: both are one print's white. Of 1300 rings in all kinds
-# of light all but two in the shade of leaves (0.57, 0.63) had 0.65 and more; hubs of wheels 0.4.
+_MIN_CONTRAST_NOISES, _MIN_MOVING_CONTRAST_NOISES = 9.0, 20.0  # contrast over noise; with motion
+_MIN_INLIERS = 0.93  # share of the pixels
+_MIN_NOISY_CONTRAST_NOISES = 3.0  # contrast over noise where only loud noise is left over
+_LEAST_AROUND = 0.5  # contrast at the surroundings over that at the hole, in loud noise
+# Contrast at the hole over that at the surroundings: both are one print's white. Of 1300 rings in
+# all kinds of light all but two in the shade of leaves (0.57, 0.63) had 0.65 and more; hubs of
+# wheels 0.4.
 _LEAST_HOLE = 0.6
-# Of a lens out of focus, 3.5 px of the thesis's; or near the pad, of the radius. Not of motion.
+# Largest blur, the larger of both: an angle, of a lens out of focus (3.5 px of the thesis's); near
+# the pad, a share of the radius. Motion is not part of it.
 _MAX_BLUR_RAD, _MAX_BLUR_SHARE = 0.0065, 0.1
-_MAX_COHERENT = 0.05  # of the contrast: gamma leaves 0.01, an S-curve 0.02, leaf shade 0.1
-# Of the contrast, left over by plain fits to what responses did explain (300 pictures of the field
-# world, 97 %: 0.09 and 0.10) and whose edges were a ring's (0.21); textures leave 0.16 and 0.19.
+# Largest coherent residual behind a response, over the contrast: gamma leaves 0.01, an S-curve
+# 0.02, leaf shade 0.1.
+_MAX_COHERENT = 0.05
+# Limits of what a plain fit leaves, over the contrast: coherent residual and noise for a response
+# to be tried, and noise for edges to be. Rings that responses explained left 0.09 and 0.10 (97 % of
+# 300 pictures of the field world), rings told by their edges 0.21; textures leave 0.16 and 0.19.
 _MAX_PLAIN_COHERENT, _MAX_PLAIN_NOISE, _MAX_HIDDEN_NOISE = 0.13, 0.15, 0.25
-_MAX_CLEAR_NOISE = 0.45  # where nearly all spokes are bright, dark and bright
-_RATIO_TOLERANCE, _RATIO_SIGMAS = 0.03, 2.0  # of the ratio, and of its sigma besides
-_MAX_RATIO_SIGMA = 0.06  # of the ratio
-_MAX_RATIO_OFF = 0.1  # of it: nearer to it than to one that is a fifth off
+_MAX_CLEAR_NOISE = 0.45  # the last one where nearly all spokes are bright, dark and bright
+# Largest error of the ratio: a share of it plus sigmas, but no more than _MAX_RATIO_OFF of it,
+# which is nearer to it than to one that is a fifth off. And its largest sigma, a share of it.
+_RATIO_TOLERANCE, _RATIO_SIGMAS = 0.03, 2.0
+_MAX_RATIO_SIGMA = 0.06
+_MAX_RATIO_OFF = 0.1
 
 # A fit is worth another try with shadow and motion if it leaves more than a camera's noise or has
 # outliers, but there is something dark in white (trial on the same images).

@@ -1,10 +1,13 @@
 """A pad's heading from the print of a square beside a ring that is seen.
 
-A decoder needs a square's whole border and code. Where a ring of the pad tells place and tilt, only
-the heading is open: the picture is sampled in polar coordinates on the pad's plane about the ring's
-centre, where a heading is a shift in angle, and compared with the print at each. Where dirt hides
-the code, or a glare lies on it, the place of the square tells the heading, and the edges between
-its cells, as far as they are seen, that it is the pad's and no other.
+A decoder needs a square's whole border and code. But once a ring of the pad tells place and tilt,
+only the heading is open. The picture is sampled in polar coordinates on the pad's plane about the
+ring's centre, where a heading is a shift in angle, and correlated with the print at each. If dirt
+or glare hides the code, the place of the square still tells the heading, and those edges between
+its cells that are seen (`print_edges`) tell that it is the pad's square and no other.
+
+`search` turns to it for rings round which no square was decoded; the sighting has stage BESIDE, as
+only its heading was measured.
 """
 
 import math
@@ -22,29 +25,32 @@ from landerd.vision.patch import is_any_in_picture, levels_at
 from landerd.vision.pose import Pose, rotation_2d, rotation_from, wrapped
 from landerd.vision.square_edges import square_edges
 
-_STEP_CELLS = 0.5  # between samples, along radii and, at the square, between them
-_MARGIN_CELLS = 1.0  # of the white round the print that is compared
-_PER_CELL = 8  # samples of the print along a cell, and
-_BLUR_CELLS = 0.4  # sigma of its blur: what a lens makes of cells of 1.5 px
+_STEP_CELLS = 0.5  # distance of samples along radii and, at the square, between them
+_MARGIN_CELLS = 1.0  # width of the white round the print that is compared
+_PER_CELL = 8  # samples of the print along a cell
+_BLUR_CELLS = 0.4  # sigma of the print's blur: what a lens makes of cells of 1.5 px
 _MIN_CELL_PX = 1.2
 _MIN_IN_IMAGE = 0.8  # share of the print
-_NEXT_END = 8  # angles
+_NEXT_END = 8  # samples in angle from one point that is tested for being in the picture to the next
 _MIN_SCATTER = 4.0  # grey levels, rms: less is noise
-# Correlations, set by trial: of the code as of the whole, or another square would do, and above
-# that at any heading which is not next to the best.
+# Least correlation, set by trial: that of the code as well as that of the whole print, or another
+# square would do; and its least lead over any heading farther than _NEXT from the best.
 _MIN_CORRELATION = 0.57
 _MIN_LEAD = 0.15
-# Out of focus the code's turns are like one another: of 960 looks at other ids, at 0.18 m from
-# 2.3 m through a blur of 2.4 px, the best gave 0.69, one's own 0.77 to 0.81 with leads from 0.09.
-_SURE_CORRELATION, _SURE_LEAD = 0.73, 0.07
 _NEXT = math.radians(12.0)
-# Of a print whose code is hidden in part: its edges tell the rest, and lie in the ring's plane.
+# The lead that is enough for a higher correlation. Out of focus a code is like itself when turned:
+# of 960 looks at other ids, at tags of 0.18 m from 2.3 m through a blur of 2.4 px, the best gave
+# 0.69, the right id 0.77 to 0.81 with leads from 0.09.
+_SURE_CORRELATION, _SURE_LEAD = 0.73, 0.07
+# A print whose code is hidden in part: least correlation of the whole print, and the angle within
+# which the pose fitted to its edges must lie in the ring's plane.
 _MIN_WHOLE, _SAME_PLANE_COS = 0.35, math.cos(math.radians(10.0))
-# How surely the pose is known besides the heading. All of that is the ring's, which is counted
-# already: a cell and a share of the range that the print was compared to, as good as nothing.
+# Sigmas of the pose except its heading: a share of the range (and a cell, aside), and rad. Place
+# and tilt are the ring's, which counts by itself, so these are large enough to tell nothing.
 _RANGE_SHARE, _TILT_SIGMA = 0.05, 0.3
-# Of the heading, angles between samples: on pads of 1.2 to 9 m, in focus and out of it, it was off
-# by 0.07 of one (in a ring's heart) to 0.35 (0.75 m beside it), rms, under dirt by up to 0.35.
+# Sigma of the heading, in angles between samples: on pads of 1.2 to 9 m, in focus and out of it, it
+# was off by 0.07 of one (at a ring's centre) to 0.35 (0.75 m beside it), rms, under dirt by up to
+# 0.35.
 _HEADING_SIGMA = 0.4
 
 
@@ -64,7 +70,7 @@ class SquareBeside:
         reach = math.sqrt(2.0) * half
         self._radii = np.arange(max(0.0, distance - reach) + 0.5 * step, distance + reach, step)
         along = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=-1)
-        # Wherever it is about the ring, so far reaches what must be in the picture.
+        # Points to which the print reaches at each heading: one must be in the picture.
         self._ends: F64 = (distance + 0.25 * square.size_m) * along[::_NEXT_END]
         self._points: F64 = self._radii[:, None, None] * along  # on the plane, (radii, angles, 2)
         at = (self._points - self._place) @ rotation_2d(self._heading)
@@ -81,7 +87,7 @@ class SquareBeside:
     ) -> Pose | None:
         """Return the square's pose beside a ring with these solutions; None: it is not seen.
 
-        Its heading is measured, the rest is the ring's.
+        Only its heading is measured, the rest is the ring's.
 
         Args:
             image: grey image (height, width).
@@ -105,7 +111,7 @@ class SquareBeside:
     def _heading_in(
         self, image: Image, camera: CameraModel, t: F64, R: F64
     ) -> tuple[float, float] | None:
-        """Return correlation and heading, about the axes R (3, 3) of a ring at t; None: no."""
+        """Return correlation and heading about the axes R (3, 3) of a ring at t; None: not seen."""
         points = (t + self._points @ R[:, :2].T).reshape(-1, 3)
         grey = levels_at(image, camera, points)
         is_seen = ~np.isnan(grey)
@@ -120,6 +126,7 @@ class SquareBeside:
         return self._peak(np.minimum(whole, code)) or self._hidden(image, camera, t, R, whole)
 
     def _peak(self, scores: F64) -> tuple[float, float] | None:
+        """Return the best score and its heading, interpolated; None: too low, or little lead."""
         k = int(np.argmax(scores))
         top = float(scores[k])
         away = np.abs(wrapped(self._angles - self._angles[k]))
@@ -135,7 +142,10 @@ class SquareBeside:
     def _hidden(
         self, image: Image, camera: CameraModel, t: F64, R: F64, whole: F64
     ) -> tuple[float, float] | None:
-        """Return the same where the edges between cells must tell whose print it is."""
+        """Return correlation and heading if the edges between cells show the print to be the pad's.
+
+        `whole` are the correlations of the whole print at each angle.
+        """
         k = int(np.argmax(whole))
         if whole[k] < _MIN_WHOLE:
             return None
@@ -148,12 +158,12 @@ class SquareBeside:
         return float(whole[k]), math.atan2(top[1], top[0]) - self._heading
 
     def _square(self, normal: F64, t: F64, north: F64, information: F64) -> Pose:
-        """Return the square's pose beside a ring at t, under axes north (3, 2) of the pad."""
+        """Return the square's pose beside a ring at t; `north` are the pad's axes (3, 2)."""
         top = north @ rotation_2d(self._heading)[:, 0]
         return Pose(rotation_from(normal, top), t + north @ self._place, information, 0.0)
 
     def _pose(self, ring: PoseSolution, R: F64, heading: float) -> Pose:
-        """Return the square's pose beside a ring whose axes R (3, 3) the pad is turned against."""
+        """Return the square's pose beside a ring, by the pad's heading about the axes R (3, 3)."""
         north = R[:, :2] @ rotation_2d(heading)
         t = np.array(ring.position)
         C = np.zeros((6, 6))
@@ -191,12 +201,12 @@ def _correlations(
 ) -> F64:
     """Return the correlation coefficients (count,) of print and image at every shift in angle.
 
-    Of what is in the image at a shift; where that is too little, -1.
+    Each is over the part of the print that is in the image at that shift; -1 if that is too little.
 
     Args:
-        kernels: of the print, as `_kernels` has them.
-        spectra: of what is in the image, its grey levels and their squares, (radii, ...).
-        count: of angles.
+        kernels: of the print, as `_kernels` returns them.
+        spectra: of the mask of what is in the image, its grey levels and their squares, (radii, n).
+        count: number of angles.
     """
 
     def summed(kernel: NDArray[np.complex128], spectrum: NDArray[np.complex128]) -> F64:
