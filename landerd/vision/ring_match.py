@@ -1,13 +1,15 @@
-"""Where a ring may lie on level ground, by the directions of the edges that it would have there.
+"""Where a ring may lie on level ground, by the directions of its edges' gradients.
 
-Shadows, leaf shade, dirt and blur break a ring's edges and leave nothing dark that is as a whole
-round, but most of what is left of them still goes from dark to bright the way it should. Gravity
-tells how the ring of a level pad is foreshortened wherever it is in the image, so that it is looked
-for by place and size alone: by the mean cosine between the gradients of logarithmic levels and the
-ways from black to white along both its edges (Steger, "Occlusion, clutter, and illumination
-invariant object recognition", ISPRS 2002). Of the pads of 16 px and larger that were missed on 100
-field days half are among the four likest places of the picture so, and two thirds of those from 20
-px on; by the correlation of levels it was two fifths, and none with a hard shadow across.
+Shadows, leaf shade, dirt and blur break a ring's edges and leave no dark component that is round as
+a whole, but most gradients along what is left of the edges still point the right way. Gravity tells
+how the ring of a level pad is foreshortened anywhere in the image, so that only place and size are
+searched: by the mean cosine between the gradients of logarithmic levels and the directions from
+black to white along both edges (Steger, "Occlusion, clutter, and illumination invariant object
+recognition", ISPRS 2002). Of the pads of 16 px and larger that were missed on 100 field days half
+are among the four best places of the picture, and two thirds of those from 20 px on. By the
+correlation of levels it was two fifths, and none with a hard shadow across.
+
+`ring_search` and `plate_ring` take these places as starts (the parts MATCH of a search).
 """
 
 import math
@@ -24,25 +26,29 @@ from landerd.pad import Ring
 from landerd.vision.arrays import F32, U8
 from landerd.vision.pose import circle, rotation_2d
 
-# Larger diameters, px, that are looked for: a size matches rings to a ninth smaller and larger.
+# Longer diameters that are looked for: the smallest, px, the factor from one to the next, and their
+# number. A size matches rings up to a ninth smaller or larger.
 SMALLEST_PX, STEP, SIZES = 18.0, 1.22, 9
-_MATCHED_PX = 15.0  # larger diameter in the reduced image
-_PARTS = 4  # of the image, each way: in each the ring is foreshortened alike
+_MATCHED_PX = 15.0  # longer diameter in the image as it is reduced for a size
+_PARTS = 4  # of the image in either direction: within one, foreshortening is taken to be the same
 _LEAST_COS = 0.3  # of the angle between line of sight and gravity
-# Steps of the ellipses that are made once: of the cosine, and of half a turn.
+# Numbers of steps in which ellipses are made and cached: of the cosine, and of half a turn.
 _COSINES, _TURNS = 20, 24
-_POINTS = 120  # of either edge
-DARK = 8.0  # grey levels, added before the logarithm: below, noise is all there is
+_POINTS = 120  # on either edge
+DARK = 8.0  # grey levels, added before the logarithm: darker levels are only noise
 _LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(DARK))
-_FAINT = 0.08  # gradient, of the logarithm a px, that counts by half
+_FAINT = 0.08  # gradient that counts by half, of the logarithm, 1/px
 _LEAST_MATCH = 0.4  # mean cosine
-_SAME_PLACE = 0.4  # of the smaller size
-_PEAK_PX = 7  # about a place no other counts
+_SAME_PLACE = 0.4  # distance below which two places are one, a share of the smaller size
+_PEAK_PX = 7  # side of the surroundings in which only the best place counts
 
 
 @dataclass(frozen=True, slots=True)
 class _Print:
-    """The edges of a ring at one foreshortening: ways from black to white, 1 long in all."""
+    """The edges of a ring at one foreshortening: directions from black to white as two kernels.
+
+    Their lengths add up to 1.
+    """
 
     x: F32  # (2 n + 1, 2 n + 1)
     y: F32
@@ -57,15 +63,15 @@ def matches(
     most: int,
     window: Window | None = None,
 ) -> list[F64]:
-    """Return centres (3,) of what is likest a level ring, camera frame, m, the likest first.
+    """Return the centres (3,), camera frame, m, of the best matches of a level ring, best first.
 
     Args:
         image: grey image (height, width).
         camera: the lens.
         ring: its true size and ratio.
         down: unit vector of gravity, camera frame.
-        sizes: larger diameters that are looked for, px.
-        most: at most so many.
+        sizes: longer diameters that are looked for, px.
+        most: largest number of centres.
         window: pixels to search; None: all.
     """
     h, w = image.shape
@@ -95,9 +101,9 @@ def _is_same(one: tuple[float, float, F64], other: tuple[float, float, F64]) -> 
 def _shapes(
     camera: CameraModel, part: Window, down: F64, parts: int
 ) -> list[tuple[tuple[float, float, float, float], int, int]]:
-    """Return the parts of the image, as shares of it, and how the ring is foreshortened in each.
+    """Return parts of the image, as shares of it, with a level ring's foreshortening in each.
 
-    That is its cosine and the way of its shorter diameter, in steps.
+    Foreshortening is its cosine and the direction of its shorter diameter, in steps.
     """
     shares = np.arange(parts) / parts
     corners = [(x, y, x + 1.0 / parts, y + 1.0 / parts) for y in shares for x in shares]
@@ -124,7 +130,7 @@ def _of_size(
     size: float,
     shapes: list[tuple[tuple[float, float, float, float], int, int]],
 ) -> list[tuple[float, float, F64]]:
-    """Return mean cosine, size and place (2,), px of the part, of all likest places of a size."""
+    """Return mean cosine, size and place (2,), px of the crop, of all local maxima at a size."""
     k = size / _MATCHED_PX
     h, w = (round(n / k) for n in crop.shape)
     if min(h, w) < 1:
@@ -154,7 +160,7 @@ def _of_size(
 
 
 def _directions(image: U8) -> tuple[F32, F32]:
-    """Return the ways from dark to bright, to the right and down, near 1 long but where faint."""
+    """Return unit vectors from dark to bright, to the right and down, shorter where faint."""
     levels = cv2.LUT(image, _LOGARITHMS)
     x, y = (cv2.Scharr(levels, cv2.CV_32F, *way, scale=1.0 / 32.0) for way in ((1, 0), (0, 1)))
     length = cv2.magnitude(x, y) + np.float32(_FAINT)
@@ -163,7 +169,7 @@ def _directions(image: U8) -> tuple[F32, F32]:
 
 @lru_cache(maxsize=512)
 def _print(ratio: float, cosine: int, turn: int) -> _Print:
-    """Return the print of a ring of a ratio, with a foreshortening in steps."""
+    """Return the print of a ring of a ratio at a foreshortening given in steps."""
     n = math.ceil(0.5 * _MATCHED_PX) + 2
     R = rotation_2d(math.pi * turn / _TURNS)
     foreshortened = np.array([(cosine / _COSINES,), (1.0,)])

@@ -1,4 +1,8 @@
-"""Which fits are of a ring in an image: to its grey levels, behind a response, or to its edges."""
+"""Which fits are of the ring: to its grey levels, behind a camera's response, or to its edges.
+
+Each is tried if the one before does not explain the ring. `ring_search` and `whycon.track_ring` use
+this for a fit that `ring_checks` has not ruled out.
+"""
 
 import numpy as np
 
@@ -16,15 +20,16 @@ from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fit_stages import response_fits
 from landerd.vision.ring_response import CameraResponse
 
-# Circles within the stroke at which a target of several rings shows, from this share of its width
-# to that; narrower strokes, px, are all edge; how far one rises over the others, of the contrast:
-# of 1675 true rings in all kinds of light none by more than 0.09.
+# Circles within the stroke on which a target of several rings shows, as shares of its width.
 _CIRCLES: F64 = np.linspace(0.1, 0.9, 16)
+# Points on each; width below which a stroke is all edge, px; and largest height of a brighter
+# circle over the others, a share of the contrast: of 1675 true rings in all kinds of light none had
+# more than 0.09.
 _CIRCLE_POINTS, _LEAST_STROKE_PX, _MOST_RISE = 24, 6.0, 0.2
 
 
 def is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
-    """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
+    """Tell whether a fit is of a ring and, if it leaves much unexplained, of no other target."""
     if not is_ring(fit, ring, camera) or _has_rings_within(image, camera, ring, fit):
         return False
     # Motion and responses explain much, a target of several rings too.
@@ -36,7 +41,8 @@ def is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
 def _has_rings_within(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether brighter circles lie in the stroke, away from the edges that are fitted.
 
-    What lies across it is no circle: of each circle the median counts, of the rays' own means.
+    Something that lies across the stroke is no circle: levels are taken relative to the mean of
+    their ray, and each circle counts by its median.
     """
     width = ring.radius_m * (1.0 - ring.inner_ratio)
     if width * px_per_m(camera, fit.position, fit.normal) < _LEAST_STROKE_PX:
@@ -59,9 +65,9 @@ def explained_fits(
     fits: list[RingFit],
     vouches: Vouches | None = None,
 ) -> list[RingFit]:
-    """Return the fits of what may be a ring, others where a curve or foreign things hide it.
+    """Return the fits that explain what may be a ring; empty: it is none.
 
-    Empty, if it is none.
+    Those given, or if they do not explain it, fits behind a response or to edges.
     """
     fit = fits[0]
     is_told = is_ring(fit, ring, camera)
@@ -86,7 +92,7 @@ def fits_behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFi
 
 
 def remember(response: CameraResponse, fit: RingFit) -> None:
-    """Remember the curve of a fit that could show one."""
+    """Let the camera's response learn from an accepted fit, except from one with motion."""
     if fit.stage == EDGES:
         response.learn_edges()
     elif not np.any(fit.motion_px):
