@@ -1,7 +1,7 @@
-"""The connected parts of what is dark in an image, or in several at once.
+"""The connected components of dark pixels in an image, or in several at once, for `ring_segment`.
 
-Labelling a small image takes less time than to call what does it: images that are searched the same
-way are laid under one another, and their components are told together.
+Labelling a small image takes less time than the call that does it. Images that are searched the
+same way are therefore laid out below one another, and their components labelled together.
 """
 
 import math
@@ -67,10 +67,14 @@ class Mosaic:
         return levels
 
     def components(self, largest_px: float, holed_px: F64) -> Components:
-        """Return the components that have the area of a ring of at most a diameter.
+        """Return the components that could be rings by their area and their centre.
 
-        And a middle that is not dark, if the area is below its image's `holed_px`, (images,): four
-        fifths of those in textures are told by that already.
+        A component whose area is below `holed_px` must not be dark at its centre: that alone rules
+        out four fifths of those in textures.
+
+        Args:
+            largest_px: diameter of the largest ring wanted.
+            holed_px: area from which on the centre does not matter, px, (images,).
         """
         # OpenCV's own statistics would take longer than labelling, and lack the second moments.
         count, labelled = cv2.connectedComponents(self._dark, connectivity=4, ltype=cv2.CV_32S)
@@ -98,9 +102,9 @@ class Mosaic:
         return Components(part, area_px, cx, cy - self._tops[part], xx, yy, xy)
 
     def hole(self, c: Components, i: int) -> F64 | None:
-        """Return the middle (2,) of the largest hole of what is dark about one of the components.
+        """Return the centroid (2,), px of its image, of the largest hole near component i.
 
-        In its image's pixels; None: there is none that is large enough.
+        None: no hole there is large enough.
         """
         box, x0, y0 = self._box(c, i)
         contours, tree = cv2.findContours(box, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
@@ -113,10 +117,10 @@ class Mosaic:
         return np.array([x0 + m["m10"] / m["m00"], y0 + m["m01"] / m["m00"]])
 
     def outer_edge(self, c: Components, i: int) -> tuple[F64, F64] | None:
-        """Return middle (2,) and axes (2, 2) of the ellipse round one of the components.
+        """Return centre (2,) and axes (2, 2) of an ellipse through the hull of component i, px.
 
-        Through the corners of its hull: of a ring that is broken they lie on what is left of it.
-        None: it has too few.
+        It is fitted to the corners of the hull, which lie on what is left of a broken ring's
+        outline. None: the hull has too few corners.
         """
         box, x0, y0 = self._box(c, i)
         contours, _ = cv2.findContours(box, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -144,9 +148,9 @@ class Mosaic:
 
 
 def _picked(good: Mask, of: NDArray[np.signedinteger]) -> tuple[Indices, Indices, Indices]:
-    """Return which components (n,) are good, which runs are theirs, and of which of them each is.
+    """Return the indices of good components, those of their runs, and each run's new component.
 
-    Of the runs (m,) `of` tells the component.
+    `good` is for each component (n,); `of` is the component of each run (m,).
     """
     used = np.flatnonzero(good[of])
     return np.flatnonzero(good), used, (np.cumsum(good) - 1)[of[used]]

@@ -1,8 +1,9 @@
-"""Rings that the image's edge cuts, at any height: an arc of an edge tells where they are.
+"""Rings that the image's edge cuts, at any distance, by an arc of one of their edges.
 
-What is left of such a ring has no ring's moments. But its outline, and its hole's, is still that of
-an ellipse wherever it does not run along the image's edge: a cone of sight, and with it two poses,
-near enough for a fit to the edges.
+The visible part of such a ring does not have a ring's moments, so `ring_segment` does not find it.
+But where its outline, or its hole's, does not run along the image's edge, it is an arc of an
+ellipse. That determines a cone of sight and with it two poses, good enough to start a fit to the
+edges (`ring_search.RingSearch.find_cut`).
 """
 
 from collections.abc import Iterator
@@ -17,15 +18,18 @@ from landerd.vision.ring_edges import points_on
 from landerd.vision.ring_explained import MIN_COS
 from landerd.vision.ring_pose import CirclePose, cone_through, poses_of_cone
 
-_LEAST_ARC = 32  # pixels of the level; of 90 arcs of rings of which 0.3 and more was seen: 33
-# From the conic, rms, px of the level: those arcs gave 0.22 to 0.35, pixels being whole.
+# Least length of an arc, px of the level: of 90 arcs of rings of which 0.3 and more was seen the
+# shortest had 33.
+_LEAST_ARC = 32
+# Largest rms distance of an arc's pixels from the conic, px of the level: those arcs gave 0.22 to
+# 0.35, as pixels are whole.
 _MAX_OFF_PX = 0.42
-_CONVEX = 0.85  # area between an arc and its chord, over that of its convex hull
-_INWARDS_PX = 2.0  # from an edge, where it is black or white
-# Times the radius: what the image's edge leaves so much of is found whole, and better where motion
-# makes it look larger than it is.
+_CONVEX = 0.85  # least area between an arc and its chord, over that of its convex hull
+_INWARDS_PX = 2.0  # distance from the arc inwards at which it is tested for black or white
+# A ring counts as cut if a circle of this share of its radius is. One that is cut less is found as
+# a whole one, and better so where motion makes it look larger than it is.
 _CUT_SHARE = 0.93
-_BORDER_PX = 2  # of the level: what is dark there ends where the image does
+_BORDER_PX = 2  # width of the level's border: dark areas end there because the image does
 
 
 def cut_rings(dark: U8, camera: CameraModel, ring: Ring) -> list[tuple[CirclePose, CirclePose]]:

@@ -1,4 +1,7 @@
-"""What a ring's fit leaves over: noise, or something that is alike from pixel to pixel."""
+"""Whether the residuals of a ring's fit are noise, or have something in common among neighbours.
+
+`ring_checks` limits the common part: tone curves, shadows and texture leave one, noise does not.
+"""
 
 import math
 
@@ -9,7 +12,7 @@ from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import Pixels, PlaneView, plane_axes, sectors
 
 _SECTORS = 12
-_BIN_PX, _BINS = 1.0, 8  # across an edge
+_BIN_PX, _BINS = 1.0, 8  # width and number of bins across an edge
 _GROUPS = 2 * _BINS * _SECTORS
 
 

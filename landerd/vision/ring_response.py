@@ -12,9 +12,9 @@ from landerd.camera_model import F64
 from landerd.vision.arrays import F32
 from landerd.vision.tone import MAX_TONE, TONE_SIGMA, TONES, toned
 
-RESPONSES = TONES + 1  # numbers of a response: of the curve, and the share of the mask
+RESPONSES = TONES + 1  # parameters of a response: those of the curve, and the share of the mask
 LINEAR_RESPONSE = np.zeros(RESPONSES)
-RESPONSE_SIGMAS = np.array([TONE_SIGMA, TONE_SIGMA, 0.8])  # before anything is seen
+RESPONSE_SIGMAS = np.array([TONE_SIGMA, TONE_SIGMA, 0.8])  # of the parameters, before any picture
 _LEAST = np.array([-MAX_TONE, -MAX_TONE, -0.2])
 _MOST = np.array([MAX_TONE, MAX_TONE, 3.0])
 HALO_PX = 0.9  # sigma of what the softer image is softer by: masks are 3 to 5 pixels wide
@@ -23,24 +23,28 @@ _MIN_CONTRAST = 1.0  # grey levels: a wrong fit may have none
 # of styles, has -0.85 below a white of 10 grey levels, -0.68 below 90, -0.41 below 200. A ring
 # whose ratio is a fifth too small, before a linear camera, looks like one behind -0.8 to -1.2.
 _DARKEST_TOE, _TOE_BY_WHITE = -0.9, 0.6
-_BY_EDGES = 30  # pictures: a second or two
-_SEEN_CHI2 = 20.0  # by which a response differs from a linear camera's: by chance in none of 5000
+# Number of pictures, a second or two, in which edges are tried before a response.
+_BY_EDGES = 30
+# Chi-square of a response against a linear camera's from which on it is kept: by chance in none of
+# 5000.
+_SEEN_CHI2 = 20.0
 
 
 @dataclass
 class CameraResponse:
-    """What the last rings showed of their camera's response: the next are looked for with it."""
+    """What the last rings showed of the camera's response; the next fits start with it."""
 
     response: F64 | None = None  # None: linear, as far as rings show
-    pictures_by_edges: int = 0  # for so many more none is tried: the last was explained by none
+    # For how many more pictures edges are tried first: no response explained the last ring.
+    pictures_by_edges: int = 0
 
     def learn(self, response: F64 | None, chi2: float) -> None:
-        """Take what an accepted fit to grey levels has found; None: it needed none."""
+        """Take the response of an accepted fit to grey levels; None: it needed none."""
         self.response = response if chi2 > _SEEN_CHI2 else None
         self.pictures_by_edges = 0
 
     def learn_edges(self) -> None:
-        """Take that no response explained a ring's grey levels, but its edges were there."""
+        """Note that no response explained a ring's grey levels, but its edges showed it."""
         is_news = self.pictures_by_edges == 0
         self.pictures_by_edges = _BY_EDGES if is_news else self.pictures_by_edges - 1
 
