@@ -1,1 +1,1 @@
-"""Series of simulated landings: which are flown, on how many processes, and what came of them."""
+"""Series of simulated landings: their plans, their runs on many processes, their results."""

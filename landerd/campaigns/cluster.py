@@ -1,6 +1,6 @@
-"""Runs on the workers of a Dask cluster, in the pool's place: what is spread is the same list.
+"""Runs a campaign's tasks on the workers of a Dask cluster, instead of on the pool of processes.
 
-Dask places the work and begins it anew elsewhere when a worker dies. Needs `dask.distributed`
+Dask distributes the tasks and repeats them elsewhere when a worker dies. Needs `dask.distributed`
 (`pip install distributed`), here and on every worker the same landerd.
 """
 
@@ -27,12 +27,12 @@ class ClusterError(Exception):
 
 
 class OtherProgram(Exception):
-    """A worker has another landerd than the one that asks: its flights would be others."""
+    """A worker has another version of landerd, whose flights would differ."""
 
 
 @cache
 def program() -> str:
-    """Return what tells this landerd's code and configuration files from every other's."""
+    """Return a hash of this landerd's code and configuration files."""
     package = Path(__file__).parents[1]
     files = [f for name in PROGRAM for f in (package.parent / name).rglob("*.py")]
     digest = hashlib.sha256()
@@ -61,13 +61,13 @@ def run_on_cluster(address: str, run_one: RunOne, tasks: Iterable[Task]) -> Gene
     except ImportError:
         raise ClusterError("--scheduler needs dask: pip install distributed") from None
     try:
-        # A client that fails at this hangs at its end.
+        # An address that a client cannot parse would make it hang when it is closed.
         get_address_host_port(normalize_address(address), strict=True)
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as e:
         raise ClusterError(f"--scheduler {address}: no Dask scheduler answers ({e})") from None
     with client:
-        # As the result of a task: Dask sends it to each worker once, and makes it anew if lost.
+        # As the result of a task: Dask sends it to each worker once, and recomputes it if lost.
         shared = client.submit(_same, run_one, pure=False)
         waiting, running = iter(tasks), {}
 
@@ -87,7 +87,7 @@ def run_on_cluster(address: str, run_one: RunOne, tasks: Iterable[Task]) -> Gene
 
 
 def _run_of(future: Any, task: Task, address: str) -> Run:
-    """Return what came of a task. Raises ClusterError."""
+    """Return the run of a finished task. Raises ClusterError."""
     error = future.exception()
     if isinstance(error, OtherProgram):
         raise ClusterError(f"--scheduler {address}: {error}")

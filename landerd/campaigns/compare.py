@@ -18,7 +18,7 @@ SIGNIFICANT = 0.05
 
 
 class Figure(NamedTuple):
-    """A figure of a result of which less is better, signs left out."""
+    """A figure of a result of which less is better; its magnitude counts."""
 
     key: str
     unit: str
@@ -53,7 +53,7 @@ def pairs(a: Mapping[Task, Run], b: Mapping[Task, Run]) -> dict[str, list[Pair]]
 
 
 def compare(a: Mapping[Task, Run], b: Mapping[Task, Run]) -> list[dict[str, Any]]:
-    """Return what became of each row from a to b, and of all rows together where there are more."""
+    """Return the changes of each row from a to b, and of all rows together if there are several."""
     of = pairs(a, b)
     rows = [compare_row(name, row) for name, row in of.items()]
     if len(of) > 1:
@@ -62,7 +62,7 @@ def compare(a: Mapping[Task, Run], b: Mapping[Task, Run]) -> list[dict[str, Any]
 
 
 def compare_row(name: str, row: Sequence[Pair]) -> dict[str, Any]:
-    """Return what became of the pairs of one row: the share that succeeded, and each figure.
+    """Return the changes in one row's pairs: of the share that succeeded, and of each figure.
 
     A success has landed and broken no rule. Figures are those of pairs in which both have one.
     """
@@ -126,7 +126,7 @@ def _value(run: Run, key: str) -> float | None:
 
 
 def _verdict(change: float, *, sure: bool) -> str:
-    """Return what to make of a change of something of which less is better."""
+    """Return a verdict in words on a change of a figure of which less is better."""
     if change == 0.0 or not sure:
         return "same"
     return "better" if change < 0.0 else "worse"
@@ -136,7 +136,7 @@ def _verdict(change: float, *, sure: bool) -> str:
 
 
 def as_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a table for each row, what got better or worse in the last column."""
+    """Return a table for each row, with "better" or "worse" in the last column."""
     lines: list[str] = []
     for row in rows:
         cells = [["", "A", "B", "change", "95 %", ""], _rate_cells(row)]

@@ -1,4 +1,4 @@
-"""Sweeps as a table: one line for each effect and value, and which value is the first to fail."""
+"""Sweeps as a table: a line for each effect and value, marking the first value that fails."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,7 +11,7 @@ from landerd.campaigns.pool import Run
 from landerd.campaigns.table import has_failed_to_land, make_row, notes
 
 FIRST, FURTHER, BEYOND = "first to fail", "fails", "beyond the vehicle"
-Nominal = Callable[[str], Any]  # what a key is where nothing is swept; None: not known
+Nominal = Callable[[str], Any]  # value of a key when it is not swept; None: not known
 
 
 class _Line(NamedTuple):
@@ -24,7 +24,7 @@ class _Line(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """The table, and what failed in it, a line each."""
+    """The table, and a line on each failure in it."""
 
     table: Table
     said: list[str]
@@ -33,11 +33,11 @@ class Effects(NamedTuple):
 def effects_of(
     campaign: Campaign, runs: Mapping[str, Sequence[Run]], nominal: Nominal
 ) -> Effects | None:
-    """Return what came of a campaign's sweeps; None: none was flown.
+    """Return the results of a campaign's sweeps; None: none was flown.
 
     A value fails if any of its flights in any scenario did not land, broke a rule or raised an
-    error; where the vehicle could not have landed at all, only what is grave there too counts. Of
-    numbers the first to fail is the one nearest to the nominal value, on either side.
+    error; if the vehicle could not have landed at all, only failures that are grave even then
+    count. Of numbers the first to fail is the one nearest to the nominal value, on either side.
 
     Args:
         campaign: with the sweeps.
@@ -107,7 +107,7 @@ def _fails(run: Run) -> bool:
 
 
 def _ends(label: str, runs: Sequence[Run]) -> Iterator[str]:
-    """Say how the flights ended that did not land, and why they could not if that is so."""
+    """Yield how flights without a landing ended, and why they could not land, if so."""
     seeds: dict[str, list[str]] = {}
     for run in runs:
         if run.result is not None and not run.result["landed"]:
@@ -119,7 +119,7 @@ def _ends(label: str, runs: Sequence[Run]) -> Iterator[str]:
 
 
 def _marks(lines: Sequence[_Line], nominal: Any) -> list[str]:
-    """Return what stands in the last column."""
+    """Return the marks of the last column."""
     failing = [line for line in lines if line.fails]
     first: list[_Line] = []
     if _is_number(nominal) and all(_is_number(line.value) for line in lines):

@@ -1,4 +1,4 @@
-"""What failed in a campaign, and what the failures have in common.
+"""Finds the failures of a campaign, and what they have in common.
 
 Every seed of a drawn world is another day; what was drawn for it (`world` of a result) tells in
 what the days that failed differ from those that did not.
@@ -16,8 +16,9 @@ from landerd.campaigns.pool import Run
 SLOW_S = 60.0  # from the first sighting to disarm; the thesis took 35 to 61 s
 HARD_MPS = 0.7  # first contact, downwards; ArduCopter's own landing touches at 0.5
 SLIDING_MPS = 0.7  # first contact, across the pad: from about there a gear of 0.26 m tips
-SHOWN = 10  # of the worst days and of the quantities that separate best
-GRAVE = ("exception", "rule broken", "told wrong")  # on a day beyond the vehicle too
+SHOWN = 10  # number shown of the worst days, and of the quantities that separate best
+# Classes of failure that count even on a day on which no vehicle could have landed.
+GRAVE = ("exception", "rule broken", "told wrong")
 CLASSES = (
     "exception",
     "rule broken",
@@ -57,13 +58,13 @@ def is_feasible(run: Run) -> bool:
 
 @dataclass(frozen=True)
 class Separation:
-    """How well one drawn quantity tells the days that failed from the others.
+    """How well one drawn quantity separates the failed days from the good ones.
 
     Attributes:
         key: of the quantity; "KEY = word" where words are drawn.
         auc: probability that it is larger on a failed day than on a good one (Mann-Whitney); 0.5
             tells nothing.
-        z: how many standard deviations `auc` is from 0.5, were the quantity of no matter.
+        z: deviation of `auc` from 0.5, in standard deviations of an irrelevant quantity.
         failed: its median over the failed days.
         good: its median over the good ones.
     """
@@ -78,7 +79,7 @@ class Separation:
 def separations(runs: Sequence[Run]) -> list[Separation]:
     """Return every drawn quantity, the one that separates best first.
 
-    Of a quantity that may go either way the size is looked at too, as "|KEY|".
+    For a quantity that may have either sign its magnitude is examined, too, as "|KEY|".
     """
     days = [
         (failure(run) is not None, _numbers(run.result.get("world", {})))
@@ -102,7 +103,7 @@ def separations(runs: Sequence[Run]) -> list[Separation]:
 
 
 def _numbers(world: dict[str, Any]) -> dict[str, float]:
-    """Return what was drawn as numbers; of words, 1 for the one that was drawn."""
+    """Return the drawn values as numbers; of words, 1 for the word that was drawn."""
     return {
         key if isinstance(value, (int, float)) else f"{key} = {value}": (
             float(value) if isinstance(value, (int, float)) else 1.0
@@ -125,7 +126,7 @@ def _auc(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def summary(runs: Sequence[Run]) -> dict[str, Any]:
-    """Return what is to be known of flights in drawn worlds; infeasible days are counted apart."""
+    """Return the summary of flights in drawn worlds; infeasible days are counted separately."""
     flown = [run for run in runs if is_feasible(run)]
     classes: dict[str, list[int]] = {}
     for run in flown:

@@ -1,4 +1,4 @@
-"""What came of flights in which something was made to go wrong."""
+"""Results of flights with simulated faults."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -7,14 +7,14 @@ from typing import Any
 from landerd.campaigns.failures import HARD_MPS, is_feasible
 from landerd.campaigns.pool import Run
 
-SHORT_S = 3.0  # whose faults are over after so long is to land all the same
-# What nobody could have kept, and after which nothing lands or stands any more.
+SHORT_S = 3.0  # a flight whose faults last no longer is expected to land
+# Excused findings after which a vehicle no longer lands, or stands.
 ENDED = ("6: said to have landed", "tipped over")
 COLUMNS = ("APPROACH", "CLOSE_APPROACH", "YAW_CORRECTION", "DESCENT", "LANDED", "NOT_LANDING")
 
 
 def failures(run: Run) -> list[str]:
-    """Return what went wrong that landerd could have kept from going wrong, in words."""
+    """Return in words the failures that landerd could have avoided."""
     result = run.result
     if result is None:
         return ["exception"]
@@ -34,9 +34,9 @@ def failures(run: Run) -> list[str]:
 
 
 def is_short(run: Run) -> bool:
-    """Tell whether all faults happened, were over soon, and leave a landing possible.
+    """Tell whether all faults happened, were short, and left a landing possible.
 
-    None is where the pad drove out of the camera's reach meanwhile (hw.sim.judge.reach).
+    If the pad drove out of the camera's reach meanwhile, it was not (hw.sim.judge.reach).
     """
     flown = (run.result or {}).get("faults_flown", [])
     were_short = all(

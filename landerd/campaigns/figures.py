@@ -1,4 +1,4 @@
-"""The thesis's figures, remade of a campaign's flights; needs matplotlib.
+"""Figures as in the thesis, made from a campaign's flights; needs matplotlib.
 
 Each is a drawing for every row: the thesis's controller beside landerd's.
 """
@@ -16,7 +16,7 @@ from landerd.campaigns.table import has_failed_to_land
 
 WIDTH_IN, HEIGHT_IN = 5.2, 3.6  # so that text can be read on a phone's width
 OURS, THEIRS, LINE = "#1f77b4", "#d62728", {"lw": 0.8, "alpha": 0.7}
-MOST_ROWS = 4  # of those, the best and the worst
+MOST_ROWS = 4  # most rows shown; of more, only some, among them the best and the worst
 
 Path = Mapping[str, Sequence[float | None]]  # of landerd.simulation.path
 Draw = Callable[[Any, Row, Sequence[Run]], None]
@@ -46,7 +46,7 @@ def figures(campaign: Campaign, runs: Mapping[str, Sequence[Run]]) -> list[Figur
 def _shown(
     campaign: Campaign, runs: Mapping[str, Sequence[Run]]
 ) -> list[tuple[Row, Sequence[Run]]]:
-    """Return all rows; of many those that no grid varies, and the best and the worst."""
+    """Return all rows, or of many those outside of grids, and the best and the worst."""
     rows = [(campaign.row(name), flown) for name, flown in runs.items()]
     if len(rows) <= MOST_ROWS:
         return rows
@@ -72,7 +72,7 @@ def _drawn(draw: Draw, row: Row, runs: Sequence[Run]) -> str:
 
 
 def _paths(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Return the columns of all flights that have any, what is not known as NaN."""
+    """Return the columns of all flights that have any, with NaN for unknown values."""
     paths = [run.result["path"] for run in runs if run.result and run.result.get("path")]
     return [
         {key: np.array([math.nan if v is None else v for v in column]) for key, column in p.items()}
@@ -119,7 +119,7 @@ def _heading(figure: Any, row: Row, runs: Sequence[Run]) -> None:
 
 
 def _trajectories(figure: Any, row: Row, runs: Sequence[Run]) -> None:
-    """Draw the ways as seen from the pad: from above, and height over distance."""
+    """Draw the paths relative to the pad: from above, and height over distance."""
     left, right = figure.subplots(1, 2)
     for path in _paths(runs):
         north, east = path["north"] - path["pad_north"], path["east"] - path["pad_east"]
@@ -132,7 +132,7 @@ def _trajectories(figure: Any, row: Row, runs: Sequence[Run]) -> None:
 
 
 def _estimated(figure: Any, row: Row, runs: Sequence[Run]) -> None:
-    """Draw where the pad was taken to be, as seen from the vehicle: from above, and below it."""
+    """Draw the pad's estimated positions relative to the vehicle: from above, and below it."""
     left, right = figure.subplots(1, 2)
     for path in _paths(runs):
         if "ahead" in path:  # older files do not tell
@@ -192,7 +192,7 @@ def _over_distance(
 
 
 def _flips(figure: Any, row: Row, runs: Sequence[Run]) -> None:
-    """Draw at which distances the axis was the mirrored one."""
+    """Draw the distances at which the axis found was the mirrored one."""
     axes = figure.add_subplot()
     pictures = [p for run in runs if run.result is not None for p in run.result.get("poses", ())]
     for height, key in enumerate(("flipped_alone", "flipped")):

@@ -23,7 +23,7 @@ class JournalError(Exception):
 
 
 class Sitting(NamedTuple):
-    """When runs were flown, and by what."""
+    """One session of flying: when it began, and the version of landerd."""
 
     began: str  # date and time, UTC
     version: str  # of landerd, with its commit where that is known
@@ -31,12 +31,12 @@ class Sitting(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """What is flown.
+    """The campaigns that are flown, and the configuration.
 
     Attributes:
-        settings: tells one configuration from another.
-        campaigns: by name.
-        command: what else was on the command line, "--set KEY=VALUE" and so on.
+        settings: identifies the configuration.
+        campaigns: the campaigns by name.
+        command: further arguments of the command line, "--set KEY=VALUE" and so on.
     """
 
     settings: str
@@ -44,7 +44,7 @@ class Plan:
     command: tuple[str, ...] = ()
 
     def as_plain(self) -> dict[str, Any]:
-        """Return what JSON can hold."""
+        """Return the plan as values that JSON can represent."""
         campaigns = {
             name: campaign.model_dump(mode="json", exclude_defaults=True)
             for name, campaign in self.campaigns.items()
@@ -53,7 +53,7 @@ class Plan:
 
     @classmethod
     def from_plain(cls, data: Mapping[str, Any]) -> Self:
-        """Return what `as_plain` made plain; older files say nothing but the settings.
+        """Return the plan of what `as_plain` returned; older files have the settings only.
 
         Raises:
             ValueError: a campaign cannot be used.
@@ -68,7 +68,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Kept:
-    """What a file holds."""
+    """The contents of a file."""
 
     plan: Plan
     sittings: tuple[Sitting, ...] = ()
@@ -82,7 +82,7 @@ def _reason(e: OSError | UnicodeDecodeError) -> str:
 
 
 def read_runs(path: Path) -> dict[Task, Run]:
-    """Return the runs that a file holds, of whatever campaign.
+    """Return the runs in a file, of any campaign.
 
     Raises:
         JournalError: it cannot be read, or holds something else.
@@ -91,7 +91,7 @@ def read_runs(path: Path) -> dict[Task, Run]:
 
 
 def read_kept(path: Path) -> Kept:
-    """Return all that a file holds, with a plan made of the runs where it has none.
+    """Return the contents of a file; if it has no plan, one is made from its runs.
 
     Raises:
         JournalError: it cannot be read, or holds something else.
@@ -127,7 +127,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def _kept(path: Path, plan: Plan, lines: Sequence[str]) -> Kept:
-    """Return what all lines but the first say. Raises JournalError."""
+    """Return the contents of all lines but the first. Raises JournalError."""
     runs: dict[Task, Run] = {}
     sittings = []
     for number, line in enumerate(lines[1:], start=2):
@@ -162,16 +162,16 @@ class Journal:
     """The runs of one campaign with one configuration.
 
     Attributes:
-        runs: those that the file held when it was opened.
+        runs: the runs in the file when it was opened.
     """
 
     def __init__(self, path: Path, plan: Plan, sitting: Sitting) -> None:
-        """Read the file, or begin it.
+        """Read the file, or create it.
 
         Args:
             path: of the file.
             plan: runs of two configurations are not mixed.
-            sitting: that begins now.
+            sitting: the session that begins now.
 
         Raises:
             JournalError: it cannot be read or written, or holds something else.
@@ -190,7 +190,7 @@ class Journal:
             raise JournalError(f"{path}: cannot be written: {_reason(e)}") from None
 
     def keep(self, run: Run) -> None:
-        """Write a run down."""
+        """Append a run to the file."""
         self._write(dataclasses.asdict(run))
 
     def _write(self, data: Mapping[str, Any]) -> None:
@@ -198,7 +198,7 @@ class Journal:
         self._file.flush()
 
     def __enter__(self) -> Self:
-        """Nothing more to do."""
+        """Return the journal itself."""
         return self
 
     def __exit__(

@@ -1,7 +1,7 @@
-"""Runs on a pool of processes that outlives whatever a run does.
+"""Runs tasks on a pool of processes that survives the death of any of them.
 
-concurrent.futures gives up all its work when one process dies, so the pool is our own: a worker
-that dies is one failed run, and another worker takes its place.
+concurrent.futures abandons all its work when one process dies. In this pool a worker that dies is
+one failed run, and another worker takes its place.
 """
 
 import contextlib
@@ -14,15 +14,15 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-RunOne = Callable[[str, int], dict[str, Any]]  # a task to what `sim --json` prints
+RunOne = Callable[[str, int], dict[str, Any]]  # runs a task; returns what `sim --json` prints
 Task = tuple[str, int]  # name of a row (its scenario, with settings of its own), and seed
 
-_CONTEXT = multiprocessing.get_context("spawn")  # forked, threads of OpenCV's would be missing
+_CONTEXT = multiprocessing.get_context("spawn")  # a forked process would lack OpenCV's threads
 
 
 @dataclass(frozen=True)
 class Run:
-    """What came of one run: a result, or an error in one line."""
+    """The outcome of one run: a result, or an error in one line."""
 
     scenario: str  # with the row's own settings, as `landerd sim` takes them
     seed: int
@@ -30,7 +30,7 @@ class Run:
     error: str | None = None
 
 
-# Runs all tasks somewhere and yields what came of them as they end.
+# Runs all tasks somewhere, and yields their runs as they end.
 Executor = Callable[[RunOne, Iterable[Task]], Generator[Run]]
 
 
@@ -48,14 +48,14 @@ class _Worker:
             self._process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        far.close()  # so that the child's end is the only one, and its death is seen
+        far.close()  # the child then has the only one, so that its death is noticed
 
     def give(self, task: Task) -> None:
         self.task = task
         self.connection.send(task)
 
     def finished(self) -> tuple[Run, bool]:
-        """Return the run that has ended, and whether the worker has outlived it."""
+        """Return the run that has ended, and whether the worker still lives."""
         assert self.task is not None
         try:
             result, error = self.connection.recv()
@@ -110,7 +110,7 @@ def _first(tasks: Iterator[Task], count: int) -> Iterator[Task]:
 
 
 def _work(run_one: RunOne, connection: Connection) -> None:
-    """Run tasks in a child process until the parent goes."""
+    """Run tasks in a child process until the parent ends."""
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
             task: Task = connection.recv()
@@ -123,7 +123,7 @@ def _work(run_one: RunOne, connection: Connection) -> None:
 
 
 def error_line(error: BaseException) -> str:
-    """Say what went wrong and where."""
+    """Return a line on an exception and where it was raised."""
     while isinstance(error, BaseExceptionGroup):  # task groups wrap the one that matters
         error = error.exceptions[0]
     text = f"{type(error).__name__}: {' '.join(str(error).split())}"

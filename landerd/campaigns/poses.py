@@ -1,4 +1,4 @@
-"""How true the poses of a marker are, by distance, beside the thesis's regressions (3.3, 3.4)."""
+"""Errors of a marker's poses by distance, beside the thesis's regressions (3.3, 3.4)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -93,7 +93,7 @@ def _share(flipped: Sequence[bool | None]) -> dict[str, Any]:
 
 
 def as_text(row: dict[str, Any]) -> str:
-    """Return the table of distances, and what is to be said of all of them."""
+    """Return the table of distances, and remarks on all of them."""
     title = f"{row['label']}: {row['marker']}, {row['pictures']} pictures"
     said = (f"  {line}" for line in remarks(row))
     return "\n".join([title, *right_aligned(bin_cells(row), indent=2), *said])

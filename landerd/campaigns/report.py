@@ -1,4 +1,4 @@
-"""What is to be read of kept campaigns: tables beside the thesis's, figures, the worst flights."""
+"""Makes the report of stored campaigns: tables beside the thesis's, figures, the worst flights."""
 
 import importlib.util
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,12 +22,12 @@ Again = Callable[[Row, int], str]  # the command line that flies a row's seed ag
 
 
 def blocks_of(kept: Kept, again: Again, nominal: Nominal) -> list[Block]:
-    """Return what is to be said of all campaigns of a file.
+    """Return the report's blocks on all campaigns of a file.
 
     Args:
         kept: the file, with a plan.
-        again: tells how to fly a flight again.
-        nominal: value of a key where nothing is swept.
+        again: returns the command line that repeats a flight.
+        nominal: returns the value of a key when it is not swept.
     """
     blocks: list[Block] = []
     for name, campaign in kept.plan.campaigns.items():
@@ -41,7 +41,7 @@ def blocks_of(kept: Kept, again: Again, nominal: Nominal) -> list[Block]:
 
 
 def _flown(kept: Kept, runs: Iterable[Sequence[Run]]) -> str:
-    """Say how many were flown, when, by which landerd, and with what changed."""
+    """Return a text: how many were flown, when, by which landerd, and with which changes."""
     count = sum(len(flown) for flown in runs)
     versions = list(dict.fromkeys(s.version for s in kept.sittings))
     dates = list(dict.fromkeys(s.began.partition(" ")[0] for s in kept.sittings))
@@ -74,7 +74,7 @@ def _tables(campaign: Campaign, runs: Mapping[str, Sequence[Run]], nominal: Nomi
 
 
 def _of_row(row: Mapping[str, Any]) -> list[Block]:
-    """Return what else is to be said of one row."""
+    """Return further blocks on one row."""
     blocks: list[Block] = []
     if "bins" in row:
         head, *lines = bin_cells(row)
@@ -135,7 +135,7 @@ def _kinds(run: Run, row: Row) -> list[str]:
 
 
 def _what(run: Run, row: Row) -> str:
-    """Say in words what came of a flight."""
+    """Return the outcome of a flight in words."""
     result = run.result
     if result is None:
         return f"{row.label or row.scenario}: {run.error}"

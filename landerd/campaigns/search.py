@@ -1,4 +1,4 @@
-"""Searches for the best place in a unit cube, by a grid or by CMA-ES; knows nothing of flying.
+"""Finds the best place in a unit cube by a grid or by CMA-ES, independent of what it stands for.
 
 All places meet the same seeds (common random numbers), and the worse half of them only a third of
 those: CMA-ES asks only which places are the better ones.
@@ -16,10 +16,10 @@ from landerd.campaigns.tuning import Cost
 
 Place = tuple[float, ...]
 CostsOf = Callable[[Sequence[Place], Sequence[int]], list[Cost]]  # over these seeds together
-PATIENCE = 5  # generations without a better place, then the search ends
-SIGMA = 0.25  # of the first generation, share of the range
+PATIENCE = 5  # generations without a better place after which the search ends
+SIGMA = 0.25  # standard deviation of the first generation, share of the range
 SEED = 1  # of CMA-ES's own random numbers
-MINIMISE_PLACES = 320  # tried at most by `minimised`, whose function is cheap
+MINIMISE_PLACES = 320  # most places tried by `minimised`, whose function is cheap
 
 
 class SearchError(Exception):
@@ -28,7 +28,7 @@ class SearchError(Exception):
 
 @dataclass(frozen=True)
 class Tried:
-    """A place and its cost; of one that was given up early, over a part of the seeds."""
+    """A place and its cost; if it was given up early, over a part of the seeds."""
 
     place: Place
     cost: Cost
@@ -49,7 +49,7 @@ def race(places: Sequence[Place], seeds: Sequence[int], costs_of: CostsOf) -> li
 
 
 def grid(dimensions: int, steps: int, seeds: Sequence[int], costs_of: CostsOf) -> Iterator[Tried]:
-    """Try every combination of so many steps of each dimension; yield all, the best first."""
+    """Try every combination of this number of steps per dimension; yield all, best first."""
     shares = [i / (steps - 1) for i in range(steps)]
     yield from race(list(itertools.product(shares, repeat=dimensions)), seeds, costs_of)
 
@@ -65,10 +65,10 @@ def cma_es(
 
     Args:
         start: middle of the first generation.
-        sets: places that are tried at most.
-        seeds: of every place.
-        costs_of: flies places.
-        patience: generations without a better place, then it ends.
+        sets: most places that are tried.
+        seeds: seeds with which every place is flown.
+        costs_of: flies places and returns their costs.
+        patience: generations without a better place after which it ends.
 
     Raises:
         SearchError: cmaes is not installed, or the places are fewer than a generation.
@@ -84,7 +84,7 @@ def cma_es(
         places = [_as_place(optimiser.ask()) for _ in range(optimiser.population_size)]
         tried += len(places)
         ordered = race(places, seeds, costs_of)
-        # The ranks are all that counts, and costs of different seeds cannot be mixed.
+        # Only ranks count: costs over different seeds cannot be compared.
         optimiser.tell([(np.array(t.place), float(rank)) for rank, t in enumerate(ordered)])
         yield ordered
         waited = 0 if best is None or ordered[0].cost < best else waited + 1

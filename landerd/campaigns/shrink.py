@@ -1,4 +1,4 @@
-"""The least of what went wrong with which a flight still fails in the same way."""
+"""Reduces the faults of a failed flight to the least with which it still fails in the same way."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -15,10 +15,10 @@ def shrunk(
     """Return fewer or lesser faults that still fail.
 
     Args:
-        faults: that fail together.
-        fails: flies with these and tells whether it fails as before.
-        lesser: returns what a fault may be made of that is less, the least first.
-        most: flights at most.
+        faults: faults with which the flight fails.
+        fails: flies with faults and tells whether the flight fails as before.
+        lesser: returns lesser versions of a fault, the least first.
+        most: largest number of flights.
     """
     least = list(faults)
     flown = 0

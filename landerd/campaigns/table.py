@@ -1,4 +1,4 @@
-"""What came of a campaign: one row a scenario, as numbers and as text."""
+"""The results of a campaign: one row per scenario, as numbers and as text."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -68,7 +68,7 @@ def has_failed_to_land(run: Run) -> bool:
 
 
 def best_rows(rows: Sequence[dict[str, Any]], count: int) -> list[dict[str, Any]]:
-    """Return the rows that the thesis has, and so many of the best: all landed, then quickest."""
+    """Return the rows that the thesis has, and the count best: all landed, then quickest."""
 
     def order(row: dict[str, Any]) -> tuple[float, float]:
         return -row["landed"] / row["runs"], row["time_s_mean"] or math.inf
@@ -78,7 +78,7 @@ def best_rows(rows: Sequence[dict[str, Any]], count: int) -> list[dict[str, Any]
 
 
 def as_text(rows: Sequence[dict[str, Any]], width: int) -> str:
-    """Return the table, and below it what is to be said of single rows.
+    """Return the table, and below it notes on single rows.
 
     Args:
         rows: of `make_row`.
@@ -132,7 +132,7 @@ def _line(cells: Sequence[str], widths: Sequence[int], columns: Sequence[int]) -
 
 
 def notes(row: dict[str, Any]) -> list[str]:
-    """Return what is to be said of a row: what it missed, and which seeds failed and how."""
+    """Return notes on a row: the requirements it missed, and which seeds failed and how."""
     name = row["label"]
     said = [f"{name}: {missed}" for missed in row["missed"]]
     if row["failed_seeds"]:
@@ -190,7 +190,7 @@ _COLUMNS: list[tuple[str, Callable[[dict[str, Any]], str]]] = [
 
 
 def _missed(figures: dict[str, Any], needed: Needed) -> list[str]:
-    """Say what of the needed was not reached."""
+    """Return in words which requirements were not met."""
     missed = []
     percent = 100.0 * (figures["runs"] - len(figures["failed_seeds"])) / figures["runs"]
     if percent < needed.landed_percent:

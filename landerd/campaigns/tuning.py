@@ -1,4 +1,4 @@
-"""What a search for gains varies, flies and minimises; read from config/tunings/."""
+"""The plan of a search for gains: what it varies, flies and minimises; from config/tunings/."""
 
 import difflib
 import math
@@ -19,8 +19,8 @@ from landerd.config.files import ConfigError, config_files, read_model
 from landerd.config.yaml_tree import put
 from landerd.section import Finite, NotNegative, Section
 
-DIGITS = 3  # of the values tried: more would be noise, and nobody could read them
-FRESH_FROM = 1001  # seeds that no search has seen
+DIGITS = 3  # significant digits of the values tried: more would be noise, and hard to read
+FRESH_FROM = 1001  # first of the seeds that no search uses
 Values = Mapping[str, float]  # by dotted key of the configuration
 
 
@@ -82,7 +82,7 @@ class Tuning(Section):
         return values
 
     def place(self, values: Values) -> list[float]:
-        """Return where values are in the unit cube; what is outside of it is moved to its edge."""
+        """Return the place of values in the unit cube; values outside are moved to its edge."""
         ranges = self.parameters.items()
         return [min(1.0, max(0.0, (values[k] - least) / (most - least))) for k, (least, most) in ranges]  # fmt: skip  # noqa: E501
 
@@ -111,14 +111,14 @@ def settings_of(values: Values) -> tuple[str, ...]:
 
 
 class Cost(NamedTuple):
-    """Of several landings; failures come first, whatever the rest."""
+    """The cost of several landings, ordered by failures first."""
 
     failed: float  # share that did not land or broke a rule; impossible days do not count
     mean: float  # of the others' objective; infinite if there is none
 
 
 def cost_of(runs: Sequence[Run], objective: Objective) -> Cost:
-    """Return what these landings cost."""
+    """Return the cost of these landings."""
     flown = [run for run in runs if is_feasible(run)]
     good = [c for run in flown if not has_failed(run) and (c := objective.of(run)) is not None]
     failed = 1.0 - len(good) / len(flown) if flown else 0.0
