@@ -1,4 +1,4 @@
-"""What the core costs after vision, a picture and a control step, in whole simulated flights.
+"""CPU time of the core per picture (after vision) and per control step, in simulated flights.
 
 Once as it flies, with vision in between, whose data push the core's out of the caches; and once
 again from the same messages alone, each the quickest of several times, which other programs on the
@@ -39,7 +39,7 @@ def calls(core: Lander, call: Call) -> Any:
 
 
 def timed_us(core: Lander, call: Call) -> float:
-    """Return what a call cost."""
+    """Return the CPU time of a call, us."""
     start = time.process_time_ns()
     calls(core, call)
     return 1e-3 * (time.process_time_ns() - start)
@@ -93,7 +93,7 @@ def by_kind(asked: list[Call], us: list[float]) -> dict[str, list[float]]:
 
 
 def unit_us() -> float:
-    """Return what multiplying two 3x3 matrices costs, us: the core does little else."""
+    """Return the CPU time of multiplying two 3x3 matrices, us: the core does little else."""
     a = rot_zyx(0.1, 0.2, 0.3)
     times = []
     for _ in range(200):

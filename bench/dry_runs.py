@@ -1,4 +1,4 @@
-"""What becomes of other people's flight logs in `landerd dry-run`: a table of outcomes.
+"""Runs `landerd dry-run` on other people's flight logs, and prints a table of the outcomes.
 
     python -m bench.dry_runs FOLDER... [--sample 60] [--seed 1] [--verbose]
 

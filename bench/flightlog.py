@@ -1,4 +1,4 @@
-"""What recording costs: the control task's period, CPU and MB a minute for each image mode.
+"""Cost of recording: the control task's period, CPU and MB per minute for each image mode.
 
 A scripted flight steps the core at its real rates on the wall's clock, with 30 pictures a second
 of the simulated camera at the recorder's door; vision does not run. The periods mean something on

@@ -1,4 +1,4 @@
-"""Prints what the MAVLink link costs, and feeds it damaged bytes.
+"""Measures the CPU time of the MAVLink link, and feeds it damaged bytes.
 
 Run as `python -m bench.link`; exits 1 where damaged bytes raise or pile up. The share of a core is
 mostly the cost of waking up, so it depends on what else the machine does; at most 5 % is wanted.

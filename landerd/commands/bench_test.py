@@ -45,12 +45,12 @@ from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
 from landerd.worker import JobHangs, Worker
 
-_SEARCH_S = 5.0  # after which a search hangs
+_SEARCH_S = 5.0  # a search that takes longer counts as hung
 _NEXT = "Lay the pad flat, its landing point on the mark {mark}, its north where the nose points."
 
 
 class _Figure(NamedTuple):
-    """One figure of a row: at most `go` is good, above `no_go` nothing is to be flown with."""
+    """One figure of a row: up to `go` it is good, above `no_go` landerd should not fly."""
 
     name: str
     value: float | None  # None: there is none
@@ -189,7 +189,7 @@ class _Bench:
 
     @asynccontextmanager
     async def trial(self, mark: Mark) -> AsyncIterator[MarkTrial]:
-        """Have the pad laid on a mark."""
+        """Ask for the pad to be laid on a mark, and yield the trial there."""
         if self._devices is not None:
             await ask(_NEXT.format(mark=_name(mark)))
             yield self._trial(self._devices)
@@ -242,7 +242,7 @@ _Measure = Callable[[_Bench, Mark, MarkTrial], Coroutine[Any, Any, tuple[list[_R
 async def _all(
     bench: _Bench, marks: Sequence[Mark], measure: _Measure
 ) -> tuple[list[_Row], str, list[str]]:
-    """Return the rows, the pictures as CSV, and what was refused."""
+    """Return the rows, the pictures as CSV, and the refusals."""
     rows: list[_Row] = []
     refused: list[str] = []
     file = io.StringIO()
@@ -276,7 +276,7 @@ def _degrees(angle: float | None) -> float | None:
 
 
 async def _pose_rows(bench: _Bench, mark: Mark, trial: MarkTrial) -> tuple[list[_Row], list[Seen]]:
-    """Return how far from a mark the pad is seen.
+    """Return the rows on how far from a mark the pad is seen.
 
     Directions are held against what the pad filter assumes of the gimbal, headings against what a
     landing leaves to what sight does not see.
@@ -306,7 +306,7 @@ async def _pose_rows(bench: _Bench, mark: Mark, trial: MarkTrial) -> tuple[list[
 async def _gimbal_rows(
     bench: _Bench, mark: Mark, trial: MarkTrial
 ) -> tuple[list[_Row], list[Seen]]:
-    """Return how the gimbal comes to a pad on a mark, a row for each way it was aside."""
+    """Return the rows on how the gimbal turns to a pad on a mark, one for each swing."""
     rest, swings = await trial.swings(bench.pictures)
     if not swings:
         raise Refused("the gimbal cannot be turned aside there: limits, or a pad too large")

@@ -151,7 +151,7 @@ def _views(
                 if is_stream and len(views) >= _MOST_VIEWS:
                     break
     except KeyboardInterrupt:
-        pass  # how a live camera's calibration is ended
+        pass  # Ctrl-C ends the calibration of a live camera
     return views, size or (0, 0), seen
 
 
@@ -162,7 +162,7 @@ def _is_new(view: View, before: View | None, views: Sequence[View]) -> bool:
 
 
 def _moved_px(a: View, b: View) -> float:
-    """Return the mean way of the corners that both views have; infinite without any."""
+    """Return the mean distance of the corners common to both views, px; infinite without any."""
     common, in_a, in_b = np.intersect1d(a.ids, b.ids, return_indices=True)
     if not len(common):
         return math.inf

@@ -1,4 +1,4 @@
-"""`landerd calibrate gimbal`: how a gimbal is built in, from views of a pad before it."""
+"""`landerd calibrate gimbal`: finds how a gimbal is mounted, from views of a pad before it."""
 
 import argparse
 import asyncio
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate; return 0, or 1 if nothing to be trusted came of it."""
+    """Calibrate; return 0, or 1 if the result cannot be trusted."""
     loaded, overlay = load_with_saved(args)
     _check(args, loaded)
     with refusing(CalibrationError, SetUpError):
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace, loaded: Loaded) -> None:
-    """Refuse what cannot be calibrated so. Raises InputError."""
+    """Raise InputError if the gimbal cannot be calibrated with these arguments."""
     if args.yes and args.places > 1:
         raise InputError("--places needs somebody to move the pad: not with --yes")
     check_bench(args, loaded)
@@ -153,7 +153,7 @@ def _options(loaded: Loaded) -> Section:
 def _motion(
     loaded: Loaded, devices: Devices, say: Callable[[str], None], *, with_autopilot: bool
 ) -> GimbalMotion:
-    """Return what moves the gimbal as far as it reaches, and looks for the pad."""
+    """Return the object that moves the gimbal within its reach and searches for the pad."""
     camera, layout = fitting_camera(loaded), load_pad(loaded.config.pad.layout)
     options = _options(loaded)
     assert isinstance(options, GimbalOptions)
@@ -192,7 +192,7 @@ def _report(
 
 
 def keys(loaded: Loaded, found: GimbalCalibration) -> dict[str, Any]:
-    """Return the keys of the configuration that follow, dotted, with their values."""
+    """Return the resulting keys of the configuration, dotted, with their values."""
     block, options = f"gimbal.{loaded.config.gimbal.driver}", _options(loaded)
     axes = {"pitch": found.pitch} | ({"yaw": found.yaw} if found.yaw is not None else {})
     delays = [axis.delays for axis in axes.values() if axis.delays is not None]
@@ -211,7 +211,7 @@ def keys(loaded: Loaded, found: GimbalCalibration) -> dict[str, Any]:
 
 
 def _fixed_keys(block: str, options: FixedOptions, axes: Axes) -> dict[str, Any]:
-    """Return where a bolted camera looks."""
+    """Return the keys of a bolted camera's direction."""
     old_deg = {"yaw": options.yaw_deg, "pitch": options.pitch_deg}
     return {
         f"{block}.{name}_deg": _wrapped_deg(old_deg[name] + math.degrees(axis.zero))
@@ -223,7 +223,7 @@ def _fixed_keys(block: str, options: FixedOptions, axes: Axes) -> dict[str, Any]
 def _mount_keys(
     block: str, options: MountOptions, axes: Axes, delays: Sequence[Delays]
 ) -> dict[str, Any]:
-    """Return signs and zeros, and how late the reports are or the gimbal is."""
+    """Return the keys of signs, zeros, and the delay of the reports or of the gimbal."""
     old = {
         "yaw": (options.yaw_sign, options.yaw_zero_deg),
         "pitch": (options.pitch_sign, options.pitch_zero_deg),
@@ -245,7 +245,7 @@ def _mount_keys(
 def _servo_keys(
     block: str, options: ServoOptions, axes: Axes, delays: Sequence[Delays]
 ) -> dict[str, Any]:
-    """Return the tables of servos, and their lag."""
+    """Return the keys of servos' tables, and of their lag."""
     servos = {"yaw": options.yaw, "pitch": options.pitch}
     values: dict[str, Any] = {}
     for name, axis in axes.items():
@@ -266,7 +266,7 @@ def _report_late_s(delays: Sequence[Delays]) -> float:
 def _servo_table(
     servo: ServoAxisOptions, found: tuple[tuple[float, float], ...]
 ) -> list[list[float]]:
-    """Return the table of a servo: what was found, and on to its ends in a straight line."""
+    """Return the table of a servo: the points found, extrapolated linearly to its ends."""
     old_deg, old_us = (np.array(column) for column in zip(*servo.table, strict=True))
     at_deg, true_deg = (np.degrees(column) for column in zip(*found, strict=True))
     slope, zero = np.polyfit(at_deg, true_deg, 1)

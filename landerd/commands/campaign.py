@@ -1,4 +1,4 @@
-"""`landerd campaign`: many simulated landings, and a table of what came of them."""
+"""`landerd campaign`: flies many simulated landings, and prints a table of their results."""
 
 import argparse
 import contextlib
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly the campaign; return 0, or 1 if a row misses what it needs."""
+    """Fly the campaign; return 0, or 1 if a row misses a requirement."""
     with refusing(ConfigError, CalibrationError, PadError, JournalError):
         config = None if args.config is None else config_path(args)
         parts = [
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class _Part:
-    """One campaign of those to fly."""
+    """One of the campaigns to fly."""
 
     name: str
     campaign: Campaign
@@ -88,7 +88,7 @@ class _Part:
 
 
 def _settings(name: str, loaded: Iterable[Loaded]) -> str:
-    """Return what tells a campaign's configuration from every other."""
+    """Return an identification of a campaign's configuration."""
     digest = hashlib.sha256(as_bytes(name))
     for each in loaded:
         digest.update(each.config.model_dump_json().encode())
@@ -105,7 +105,7 @@ def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | No
             tell(f"{part.name}: {number} of {len(parts)} campaigns")
         campaign = part.campaign
         seeds = range(1, (args.runs or campaign.runs) + 1)
-        # Seed by seed: what is stopped early has flown as much of every row.
+        # Seed by seed, so that a campaign stopped early has flown as much of every row.
         tasks = [(row.name, seed) for seed in seeds for row in campaign.all_rows]
         runs = [journal.runs[task] for task in tasks if task in journal.runs] if journal else []
         kept = {(run.scenario, run.seed) for run in runs}

@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
     """Check; return 0 if ready, or 1 if something would stop a landing."""
     if args.watch and args.json:
         raise InputError("--watch: not with --json, which prints one object")
-    logging.basicConfig(level=logging.CRITICAL)  # what drivers would say is in the findings
+    logging.basicConfig(level=logging.CRITICAL)  # what drivers would log is in the findings
     budget = _budget(args) if args.budget else []
     findings = [*_once(args), *budget]
     shown: set[str] = set()
@@ -133,7 +133,7 @@ def _once(args: argparse.Namespace) -> list[Finding]:
 
 
 def _once_more(args: argparse.Namespace) -> list[Finding]:
-    """Check again; the configuration may be just being written."""
+    """Check again; the configuration may be in the middle of being written."""
     try:
         return _once(args)
     except InputError as e:
@@ -174,7 +174,7 @@ async def check(
         loaded: the configuration.
         devices: not open.
         state: folder that the service has for what it keeps.
-        system: root of what Linux tells of this computer.
+        system: root of the files in which Linux describes this computer.
     """
     config = loaded.config
     given = os.environ.get("STATE_DIRECTORY")
@@ -188,7 +188,7 @@ async def check(
         return [] if model is None else await _camera(loaded, devices.camera, model)
 
     async def gimbal() -> list[Finding]:
-        await asyncio.sleep(1.5)  # until a heartbeat has told whether the vehicle is armed
+        await asyncio.sleep(1.5)  # until a heartbeat shows whether the vehicle is armed
         try:
             return await check_gimbal(devices.gimbal, config, lambda: autopilot.disarmed)
         finally:
@@ -219,16 +219,16 @@ async def check(
 
 
 async def _or_failure(item: str, looking: Awaitable[list[Finding]]) -> list[Finding]:
-    """Return what is found of a device, or the error that ended the search."""
+    """Return the findings on a device, or one on the error that ended its check."""
     try:
         return await looking
-    except Exception as e:  # of a driver, that nobody foresaw: what else there is to say is said
+    except Exception as e:  # unexpected error of a driver: the other findings are still reported
         what = " ".join(f"an unknown error, {type(e).__name__}: {e}".split())
         return [Finding("fail", item, what, "tell us (docs/contributing.md)")]
 
 
 def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
-    """Return the calibration at the size of the pictures; None: what is wrong with it."""
+    """Return the calibration at the pictures' size, or None and findings on why not."""
     try:
         camera = fitting_camera(loaded)
     except CalibrationError as e:

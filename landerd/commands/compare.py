@@ -1,4 +1,4 @@
-"""`landerd compare`: what is better and what is worse in one campaign than in another."""
+"""`landerd compare`: what has become better and worse from one campaign to another."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`landerd dry-run`: what landerd would have ordered on somebody's own flight. Nothing is sent."""
+"""`landerd dry-run`: what landerd would have ordered during a recorded flight; sends nothing."""
 
 import argparse
 import math
@@ -46,8 +46,8 @@ from landerd.runtime.dry_run import DryRun, DryRunResult, Expose
 from landerd.runtime.observer import Observer
 
 GOOD_RATE_HZ = 20.0
-BELIEVED_MPS = 60.0  # no copter flies faster
-SEEN_FROM_M = 20.0  # from farther away pads of a metre are not seen
+BELIEVED_MPS = 60.0  # highest speed in a recording that is believed: no copter flies faster
+SEEN_FROM_M = 20.0  # distance beyond which pads of a metre are not detected
 IN_THE_AIR_M = 2.0
 _FILMS = (".webm", ".mp4")  # that browsers play, and others
 _OUTCOMES = {  # in words; others are words
@@ -63,7 +63,7 @@ _OUTCOMES = {  # in words; others are words
 
 @dataclass(frozen=True)
 class _Flight:
-    """A recorded flight as the core is shown it; times on the recording's clock, s."""
+    """A recorded flight as it is given to the core; times on the recording's clock, s."""
 
     camera: CameraModel  # of the pictures
     vehicle: RecordedVehicle
@@ -196,7 +196,7 @@ def _flight(
 
 
 def _part(args: argparse.Namespace, telemetry: Telemetry) -> tuple[float, float]:
-    """Return from when to when the core runs, s on the recording's clock."""
+    """Return the start and end of the core's run, s on the recording's clock."""
     start = telemetry.start + max(0.0, args.start)
     end = telemetry.end if args.end is None else min(telemetry.end, telemetry.start + args.end)
     if start >= end:
@@ -208,7 +208,7 @@ def _part(args: argparse.Namespace, telemetry: Telemetry) -> tuple[float, float]
 
 
 def _pad(args: argparse.Namespace, telemetry: Telemetry, config: Config) -> Vec3:
-    """Return where the pad is drawn: as asked, or under where the flight ended."""
+    """Return where the pad is drawn: as given, or below the end of the flight."""
     flown = _flown(telemetry)
     north, east, *_ = flown[-1]
     down = max(values[2] for values in flown) + config.vehicle.gear_height_m
@@ -221,7 +221,7 @@ def _pad(args: argparse.Namespace, telemetry: Telemetry, config: Config) -> Vec3
 
 
 def _flown(telemetry: Telemetry) -> list[tuple[float, ...]]:
-    """Return position and velocity, local NED, while it flew; all, where they are not known."""
+    """Return positions and velocities in flight, local NED; all if it is not known when it flew."""
     track = telemetry.position
     flown = [v for span in telemetry.flown for v in track.values[track.within(span)]]
     return flown or track.values
@@ -239,7 +239,7 @@ def _fitting(camera: CameraModel, video: Path, config: Config) -> CameraModel:
 def _offset(
     args: argparse.Namespace, camera: CameraModel, vehicle: RecordedVehicle, telemetry: Telemetry
 ) -> tuple[float, float | None]:
-    """Return when the video begins, s after the telemetry, and how sure that is."""
+    """Return the video's start relative to the telemetry's (s), and the correlation."""
     if args.gimbal is None and not telemetry.gimbal.times:
         raise InputError(f"{args.telemetry}: no gimbal angles in it: give --gimbal YAW,PITCH")
     if args.offset is not None:
@@ -263,10 +263,10 @@ def _offset(
 def _fly(
     args: argparse.Namespace, config: Config, layout: PadLayout, flight: _Flight
 ) -> tuple[DryRunResult, list[str]]:
-    """Show the core the flight, and write down what it orders, where that was asked for.
+    """Give the flight to the core, and write its orders to files if asked to.
 
     Returns:
-        What came of it, and which files could not be written, and why.
+        The result, and texts on files that could not be written.
     """
     not_written: list[str] = []
     recorder = _recorder(args.log, config, layout, flight.camera)
@@ -286,7 +286,7 @@ def _fly(
 
 
 def _fps(args: argparse.Namespace) -> float:
-    """Return how many pictures a second there are."""
+    """Return the number of pictures per second."""
     fps: float | None = args.fps if args.video is None else rate_hz(args.video)
     return fps or float(args.fps)
 
@@ -327,7 +327,7 @@ def _report(telemetry: Telemetry, flight: _Flight, result: DryRunResult) -> dict
 
 
 def _not_landing_s(steps: Sequence[tuple[float, list[Command]]]) -> dict[str, float]:
-    """Return for how long (s) it was not landing for which reason, the longest first."""
+    """Return the times (s) of not landing by reason, the longest first."""
     changes = [(t, c) for t, commands in steps for c in commands if isinstance(c, PhaseChange)]
     ends = [t for t, _ in changes[1:]] + [t for t, _ in steps[-1:]]
     lasted: defaultdict[str, float] = defaultdict(float)
@@ -338,7 +338,7 @@ def _not_landing_s(steps: Sequence[tuple[float, list[Command]]]) -> dict[str, fl
 
 
 def _remarks(telemetry: Telemetry, flight: _Flight) -> list[str]:
-    """Return what one has to know to judge the result, a line each."""
+    """Return remarks that are needed to judge the result, a line each."""
     lines = list(telemetry.remarks)
     flown = _flown(telemetry)
     if not telemetry.says_armed:
@@ -363,7 +363,7 @@ def _remarks(telemetry: Telemetry, flight: _Flight) -> list[str]:
 
 
 def _drawn(pad: Vec3, flown: Sequence[tuple[float, ...]]) -> list[str]:
-    """Return what is to be said of pictures of a pad that was not there."""
+    """Return remarks on pictures of a pad that was not there."""
     north, east, down = pad
     lines = [
         f"no video: pictures are drawn, of a pad {_side(north, 'north', 'south')}, "
@@ -422,7 +422,7 @@ def _in_words(args: argparse.Namespace, result: dict[str, Any], not_written: Seq
 
 
 def outcome_in_words(outcome: str | None) -> str:
-    """Return how it ended; None: it did not."""
+    """Return the outcome in words; outcome: None: the landing did not end."""
     return _OUTCOMES.get(outcome, str(outcome).replace("_", " "))
 
 

@@ -1,4 +1,4 @@
-"""How commands fly many simulated landings: one of them, all of them, and how far they are."""
+"""Flies many simulated landings for commands: one task, all tasks, and their progress."""
 
 import argparse
 import contextlib
@@ -27,7 +27,7 @@ from landerd.drivers import read_configuration
 
 
 def add_flying(parser: argparse.ArgumentParser) -> None:
-    """Add what says where flights are flown and kept: --jobs, --scheduler, --keep."""
+    """Add the arguments on where flights are flown and kept: --jobs, --scheduler, --keep."""
     parser.add_argument(
         "--jobs",
         type=whole_number(1),
@@ -49,7 +49,7 @@ def add_flying(parser: argparse.ArgumentParser) -> None:
 
 
 def executor(args: argparse.Namespace) -> Executor:
-    """Return what flies, by the arguments of `add_flying`."""
+    """Return the executor that the arguments of `add_flying` choose."""
     if args.scheduler is None:
         return partial(run_all, jobs=args.jobs)
     return partial(run_on_cluster, args.scheduler)
@@ -57,7 +57,7 @@ def executor(args: argparse.Namespace) -> Executor:
 
 @dataclass(frozen=True)
 class SimulatedLanding:
-    """Flies one landing; what `landerd.campaigns` is handed."""
+    """Flies one landing; `landerd.campaigns` calls it."""
 
     campaign: Campaign
     config: Path | None  # None: the packaged default, wherever landerd is installed
@@ -70,7 +70,7 @@ class SimulatedLanding:
         try:
             return reach(self.campaign, row, self.load(row, seed), seed)
         finally:
-            gc.collect()  # flights are circles of objects, and large
+            gc.collect()  # flights are large and contain reference cycles
 
     def load(self, row: Row, seed: int = 1) -> Loaded:
         """Return the configuration of a row as a seed draws it. Raises ConfigError."""
@@ -96,7 +96,7 @@ class SimulatedLanding:
 
 
 def reach(campaign: Campaign, row: Row, loaded: Loaded, seed: int) -> dict[str, Any]:
-    """Simulate what a row asks for and return what there is to know of it."""
+    """Simulate the goal of a row and return the result."""
     match row.goal:
         case "landing":
             from landerd.simulation.flight import simulate
@@ -132,7 +132,7 @@ def fly_all(
     journal: Journal | None,
     runs: list[Run],
 ) -> None:
-    """Fly all tasks, and add each run as it ends, also to the journal, while telling how far.
+    """Fly all tasks; keep each run as it ends, also in the journal, and show the progress.
 
     Raises:
         InputError: the cluster cannot be used.
@@ -184,13 +184,13 @@ class _Progress:
         return self._total - self._done
 
     def clear(self) -> None:
-        """Take the line off the terminal."""
+        """Remove the line from the terminal."""
         if self._terminal:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 def _why(run: Run) -> str | None:
-    """Say why a run has failed; None: it has not."""
+    """Return why a run failed; None: it did not fail."""
     result = run.result
     if result is None:
         return run.error

@@ -1,4 +1,4 @@
-"""Which keys a model of the configuration has, and in words what is expected of each."""
+"""The keys of a model of the configuration, and in words the values that each may have."""
 
 import difflib
 import functools
@@ -17,20 +17,20 @@ def schema_of(model: type[BaseModel]) -> "Schema":
 
 
 class Schema:
-    """The JSON schema of a model: which keys there are and what is expected of them."""
+    """The JSON schema of a model: its keys and the values that each may have."""
 
     def __init__(self, model: type[BaseModel]) -> None:
         self._root = model.model_json_schema()
         self._known = list(self._keys(self._root, ""))
 
     def is_path(self, loc: Loc, value: str) -> bool:
-        """Tell whether a key's value is the path of a file, and none of the words it may be."""
+        """Tell whether a key's value is the path of a file, not one of the key's words."""
         variants = self._at(loc)
         words = (word for variant in variants for word in variant.get("enum", ()))
         return value not in words and any(v.get("format") == "path" for v in variants)
 
     def expected(self, loc: Loc) -> str:
-        """Say in words what a key may be."""
+        """Return in words the values that a key may have."""
         return " or ".join(dict.fromkeys(self._words(variant) for variant in self._at(loc)))
 
     def nearest(self, key: str) -> str:

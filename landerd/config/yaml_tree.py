@@ -36,7 +36,7 @@ class Place:
 
 @dataclass(frozen=True, order=True)
 class Fault:
-    """What is wrong with a key."""
+    """An error in the value of a key."""
 
     place: Place
     key: str  # dotted; "": the whole source
@@ -54,7 +54,7 @@ class Node:
     """A value and where it is written."""
 
     place: Place
-    folder: Path  # relative paths in the value are meant from here, absolute
+    folder: Path  # absolute; relative paths in the value start from here
     value: Any  # None, bool, int, float, str, list[Node] or dict[str, Node]
 
     def plain(self) -> Any:
@@ -66,11 +66,11 @@ class Node:
         return self.value
 
     def under(self, above: "Node") -> "Node":
-        """Return the other tree laid over this one, key by key."""
+        """Return this tree with the other one laid over it, key by key."""
         if not (isinstance(self.value, dict) and isinstance(above.value, dict)):
             return above
         if DISTRIBUTIONS & {*self.value, *above.value}:
-            return above  # they are values, and no blocks to be laid over each other
+            return above  # they are values, not blocks that could be merged
         value = dict(self.value)
         for key, node in above.value.items():
             value[key] = value[key].under(node) if key in value else node
@@ -98,7 +98,7 @@ def read_file(path: Path, faults: list[Fault], own: Path) -> Node:
 
     Args:
         path: of the file.
-        faults: what is wrong is added.
+        faults: errors are added to it.
         own: folder in which includes are looked for that are not beside the file.
     """
     return _read(path, Place(shown(path)), "", faults, (), own)
@@ -279,7 +279,7 @@ _NUMBER = re.compile(NUMBER, re.ASCII)
 
 
 def _scalar(text: str) -> bool | int | float | str | None:
-    """Return what a plain scalar means; .nan and .inf stay text, as no key takes them."""
+    """Return the value of a plain scalar; .nan and .inf stay text, as no key allows them."""
     if text in ("", "~", "null"):
         return None
     if text in ("true", "false"):

@@ -1,1 +1,1 @@
-"""What the simulated camera shows, and when it delivers."""
+"""The simulated camera: the pictures it renders, and the times at which it delivers them."""

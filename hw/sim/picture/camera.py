@@ -21,16 +21,16 @@ from landerd.ports import DeviceLost
 
 U8 = NDArray[np.uint8]
 
-OLDEST_S = 0.45  # a picture at its arrival, by jitter: the world remembers a little more
-ORDER_FRAMES = 2  # from an order to the first picture so exposed, as sensors have it
-FORGIVEN_S = 0.05  # a stamp so far in the future may still be taken
-JITTER_MOST = 0.45  # of the period: pictures keep their order
-_NO_PAD = PadPose((0.0, 0.0, -1e5), IDENTITY)  # it is seen from below, that is not at all
+OLDEST_S = 0.45  # greatest age of a picture at its arrival; the world keeps its states longer
+ORDER_FRAMES = 2  # number of pictures from an exposure order until it takes effect, as in sensors
+FORGIVEN_S = 0.05  # a picture stamped no farther in the future may still be used
+JITTER_MOST = 0.45  # largest jitter, share of the period, so that pictures keep their order
+_NO_PAD = PadPose((0.0, 0.0, -1e5), IDENTITY)  # far above the camera, whose lower side is not drawn
 
 
 @dataclass
 class CameraFaults:
-    """What is wrong with the camera; may be changed at any time."""
+    """The faults of the camera; they may be changed at any time."""
 
     drop: float = 0.0  # probability that a frame is lost
     frozen: bool = False  # the last picture is delivered again, with its old time
@@ -38,15 +38,15 @@ class CameraFaults:
     wrong_size: bool = False
     wrong_type: bool = False  # pictures of 16 bits
     not_a_number: bool = False  # pictures of NaN
-    time_ahead_s: float = 0.0  # time stamps lie in the future; negative: in the past
-    time_jumps_s: float = 0.0  # each by up to so much, either way
+    time_ahead_s: float = 0.0  # added to time stamps
+    time_jumps_s: float = 0.0  # largest random error of each time stamp, either way
     time_stands: bool = False  # new pictures have the last time
-    late_s: float = 0.0  # pictures arrive so much later, with their own times
-    swap: float = 0.0  # probability that a picture comes after the next one
-    spoil: Callable[[U8], U8] | None = None  # what becomes of a picture
-    pad_covered: bool = False  # nothing of the pad is to be seen
-    hides_pad: bool = False  # nobody could find the pad in what is delivered
-    raises: Exception | None = None  # nobody foresaw it; once
+    late_s: float = 0.0  # additional delay of pictures, whose time stamps stay correct
+    swap: float = 0.0  # probability that a picture arrives after the next one
+    spoil: Callable[[U8], U8] | None = None  # changes every picture
+    pad_covered: bool = False  # the pad is not visible
+    hides_pad: bool = False  # the pad cannot be found in the pictures delivered
+    raises: Exception | None = None  # unexpected exception of the driver, raised once
     disconnected: bool = False
     random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
@@ -76,7 +76,7 @@ class SimCamera:
     """Implements landerd.ports.Camera; a frame not fetched in time is replaced by the next.
 
     Attributes:
-        faults: what is wrong with it.
+        faults: faults of the camera.
     """
 
     def __init__(
@@ -91,10 +91,10 @@ class SimCamera:
 
         Args:
             renderer: draws its pictures.
-            truth: the world at a time not long past, s on the loop's clock.
+            truth: returns the world's state at a recent time, s on the loop's clock.
             options: rate, exposure, latency, and their jitter.
-            delivered: told of every sound frame with the truth at its exposure.
-            seed: of all that jitters.
+            delivered: called with every valid frame and the truth at its exposure.
+            seed: seed of all jitter.
         """
         self.faults = CameraFaults()
         self._scenes = [renderer]
@@ -104,28 +104,28 @@ class SimCamera:
         self._timing = _Timing(options, seed)
         self._fixed = Exposure(options.exposure_s)
         self._auto = AutoExposure(options) if options.exposure == "auto" else None
-        self._orders: list[tuple[float, Exposure]] = []  # from when on, and how
+        self._orders: list[tuple[float, Exposure]] = []  # time from which on it holds (s), exposure
         self._vibration: Vibration | None = None
         if options.vibration.deg > 0.0:
             self._vibration = Vibration(options.vibration, stream(seed, "camera vibration"))
         self._seq = 0
-        self._due_t = 0.0  # middle of the exposure of the newest frame, but for jitter
+        self._due_t = 0.0  # middle of the newest frame's exposure without jitter, s
         self._last: Frame | None = None
-        self._line: deque[_Made] = deque()  # under way
-        self._overtaken: _Made | None = None  # the next one comes before it
-        self._behind: _Made | None = None  # it comes now
+        self._line: deque[_Made] = deque()  # pictures under way
+        self._overtaken: _Made | None = None  # picture that the next one overtakes
+        self._behind: _Made | None = None  # overtaken picture, which arrives now
 
     @property
     def pictures(self) -> Renders:
-        """What makes its pictures."""
+        """The renderer of its pictures."""
         return self._scenes[-1]
 
     def show(self, scene: Renders) -> None:
-        """See the world through this from now on."""
+        """Use another renderer from now on."""
         self._scenes.append(scene)
 
     def hide(self, scene: Renders) -> None:
-        """See it through that no more; what was shown first need not be hidden last."""
+        """Stop using a renderer given to `show`; the order of these calls does not matter."""
         self._scenes.remove(scene)
 
     async def open(self) -> None:
@@ -147,7 +147,7 @@ class SimCamera:
             late_s = self._timing.latency(exposed_t, self._read_s(exposed_t))
             await asyncio.sleep(max(0.0, exposed_t + late_s - loop.time()))
             if loop.time() - late_s - exposed_t > period:
-                continue  # the loop was late: there is a newer one by now
+                continue  # the loop was late, and there is a newer frame by now
             if self._misses():
                 continue
             made = self._on_the_way(self._made(exposed_t))
@@ -155,7 +155,7 @@ class SimCamera:
                 return self._deliver(made)
 
     def _misses(self) -> bool:
-        """Tell whether the next picture is lost. Raises what a broken camera's driver does."""
+        """Tell whether the next picture is lost. Raises the exceptions of a faulty driver."""
         faults = self.faults
         if faults.disconnected:
             raise DeviceLost("simulated camera is unplugged")
@@ -175,14 +175,14 @@ class SimCamera:
         return self._expose(exposed_t)
 
     def _on_the_way(self, made: "_Made") -> "_Made | None":
-        """Return what arrives when a picture sets out that is made now; None: nothing does."""
+        """Send a picture on its way; return the one that arrives now; None: none does."""
         faults, period = self.faults, 1.0 / self._options.fps
         self._line.append(made)
         waiting = round(faults.late_s / period)
         if len(self._line) <= waiting:
             return None
         while len(self._line) > waiting + 1:
-            self._line.popleft()  # they are not so late any more
+            self._line.popleft()  # overdue, as the fault's delay has become shorter
         arriving = self._line.popleft()
         if self._behind is not None:
             arriving, self._behind = self._behind, None
@@ -202,7 +202,7 @@ class SimCamera:
         """Stop the stream; safe to call twice."""
 
     def expose(self, order: ExposureOrder) -> None:
-        """Expose so from some pictures on; only a camera that is `ordered` does."""
+        """Take an exposure order, effective some pictures later, if the option is `ordered`."""
         if self._options.exposure != "ordered":
             return
         at = asyncio.get_running_loop().time() + ORDER_FRAMES / self._options.fps
@@ -211,11 +211,11 @@ class SimCamera:
         self._orders.append((at, Exposure(time_s, gain)))
 
     def _read_s(self, t: float) -> float:
-        """From the middle of an exposure to the last row's end."""
+        """Time from the middle of an exposure to the end of the last row's, s."""
         return 0.5 * (self._exposure(t).time_s + self._options.readout_s)
 
     def _exposure(self, t: float) -> Exposure:
-        """How the picture at t is exposed; t never goes back."""
+        """Return the exposure of the picture at t, s; t must not decrease."""
         if self._auto is not None:
             return self._auto.exposure
         while self._orders and self._orders[0][0] <= t:
@@ -223,7 +223,7 @@ class SimCamera:
         return self._fixed
 
     def _stamp(self, t: float) -> float:
-        """Return what the camera's clock says at t."""
+        """Return the camera's time stamp for time t, s."""
         offset_s = self._options.clock_offset_s + self._timing.clock_jitter()
         faults = self.faults
         if faults.time_stands and self._last is not None:
@@ -265,7 +265,7 @@ class SimCamera:
         return _Made(self._last, middle if is_sound else None)
 
     def _readout(self, middle: Snapshot, exposure: Exposure) -> Readout | None:
-        """Look up what the rows see from the first to the last; None: all see the same."""
+        """Return the poses during the rows' readout; None: all rows are exposed at once."""
         seconds = self._options.readout_s
         if seconds == 0.0:
             if self._vibration is None:
@@ -289,17 +289,17 @@ class _Made:
 
 
 class _Timing:
-    """What is irregular about a camera's pictures; each kind has its own random numbers."""
+    """Jitter and losses of a camera's pictures; each kind has its own random numbers."""
 
     def __init__(self, options: SimCameraOptions, seed: int) -> None:
         self._options = options
         self._rate, self._latency, self._clock, self._drop = (
             stream(seed, f"camera {name}") for name in ("rate", "latency", "clock", "drop")
         )
-        self._arrived_t = -math.inf  # the picture before
+        self._arrived_t = -math.inf  # arrival of the picture before, s
 
     def rate_jitter(self) -> float:
-        """Return how far from its due time the next picture is exposed, s."""
+        """Return the deviation of the next picture's exposure from its due time, s."""
         o = self._options
         if o.fps_jitter == 0.0:
             return 0.0
@@ -307,7 +307,7 @@ class _Timing:
         return min(max(share, -JITTER_MOST), JITTER_MOST) / o.fps
 
     def latency(self, exposed_t: float, least_s: float) -> float:
-        """Return how long after its exposure a picture arrives, s; none overtakes another."""
+        """Return the delay from a picture's exposure to its arrival, s; none overtakes another."""
         o = self._options
         latency_s = o.latency_s
         if o.latency_jitter_s > 0.0:
@@ -318,7 +318,7 @@ class _Timing:
         return latency_s
 
     def clock_jitter(self) -> float:
-        """Return the error of one time stamp beside the offset, s."""
+        """Return the error of one time stamp in addition to the offset, s."""
         jitter_s = self._options.clock_jitter_s
         return self._clock.gauss(0.0, jitter_s) if jitter_s > 0.0 else 0.0
 

@@ -10,7 +10,7 @@ from hw.sim.picture.tone import STEPS, tone_levels
 
 SHORTEST_S = 5e-5
 STEPS_PER_STOP = 24  # a sensor sets whole row times, and gain in steps of some 3 %
-# A mean near black or white says only that it is far off; nothing is learned of how far.
+# Means beyond these, near black or white, show only that the exposure is far off, not how far.
 DARKEST, BRIGHTEST = 0.002, 0.98
 
 
@@ -23,12 +23,12 @@ class Exposure:
 
 
 class AutoExposure:
-    """Brings the light of the pictures' mean to its target, first order in stops."""
+    """Controls the light of the pictures' mean to its target: a first-order lag in stops."""
 
     def __init__(self, options: SimCameraOptions) -> None:
-        """Begin at the fixed exposure and gain 1."""
+        """Start at the fixed exposure and gain 1."""
         self._options = options
-        self._stops = 0.0  # of light, from the fixed exposure's
+        self._stops = 0.0  # light relative to that of the fixed exposure, in stops
         self._t: float | None = None  # of the last picture
         o = options.auto_exposure
         self._most = math.log2(o.longest_s * o.gain_max / options.exposure_s)
@@ -39,7 +39,7 @@ class AutoExposure:
 
     @property
     def exposure(self) -> Exposure:
-        """Of the next picture: gain only where the longest time does not do."""
+        """Exposure of the next picture, with gain only if the longest time is not enough."""
         o = self._options.auto_exposure
         stops = round(self._stops * STEPS_PER_STOP) / STEPS_PER_STOP
         product = self._options.exposure_s * 2.0**stops
