@@ -9,14 +9,14 @@ rings.
 
 from collections.abc import Callable, Sequence
 
-import cv2
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, WhyCode
 from landerd.vision.arrays import Image
-from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
+from landerd.vision.patch import levels_at
+from landerd.vision.pose import circle, rotation_from
 
 # Radius of the circle on which white around a ring is looked at, in outer radii: the smallest one
 # that blur leaves white.
@@ -52,18 +52,20 @@ class Concentric:
             found: sightings that may be the ring.
             track: see `Track`.
         """
+        if not self._others:
+            return list(found)
         kept = []
         for sighting in found:
             best = sighting.solutions[0]
             position, normal = np.array(best.position), np.array(best.normal)
+            level = self._level(image, position, normal)
             is_code, elsewhere = False, []
             for marker in self._others:
-                # Where the ring would be if the outline were this marker's.
+                # Where the ring is if the outline is this marker's.
                 at = position * (marker.radius_m / self._ring.radius_m)
                 if (ring := track(at, normal)) is not None:
                     elsewhere.append(ring)
                 if isinstance(marker, WhyCode):
-                    level = self._level(image, position, normal)
                     is_code = is_code or self._shows(image, at, normal, level)
             kept += elsewhere if is_code else [sighting, *elsewhere]
         return kept
@@ -75,8 +77,6 @@ class Concentric:
 
     def _shows(self, image: Image, position: F64, normal: F64, level: float) -> bool:
         """Tell whether a ring at a position would have a dark stroke with white around it."""
-        if position[2] < self._ring.radius_m + MIN_DEPTH_M:
-            return False
         black, white = self._seen(image, position, normal)
         share = min(float(np.mean(black < level)), float(np.mean(white > level)))
         return share > _LEAST_SHARE
@@ -87,14 +87,5 @@ class Concentric:
         radii = self._ring.radius_m * np.repeat([stroke, _AROUND], _POINTS)
         on_ring = radii[:, None] * np.tile(circle(1.0, _POINTS), (2, 1))
         points = position + on_ring @ rotation_from(normal)[:, :2].T
-        px = self._camera.pixels(points).astype(np.float32)
-        # Beyond the image: NaN, which is neither dark nor white.
-        levels = cv2.remap(
-            image.astype(np.float32),
-            px[None, :, 0],
-            px[None, :, 1],
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=(np.nan,),
-        )[0].astype(np.float64)
+        levels = levels_at(image, self._camera, points)  # NaN, neither dark nor white, out of it
         return levels[:_POINTS], levels[_POINTS:]
