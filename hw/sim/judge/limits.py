@@ -36,7 +36,6 @@ class SetpointLimits:
         self._broken = broken
         self._velocity: Vec3 = (0.0, 0.0, 0.0)
         self._acceleration: Vec3 | None = None  # None: not known, so no jerk either
-        self._in_body_frame = False  # the set-point that is judged
         self._stopped = (False, False)  # the last set-point: horizontally, vertically
 
     def check(
@@ -59,7 +58,6 @@ class SetpointLimits:
             flown: true velocity of the vehicle, m/s; None: not known.
             in_body_frame: it was sent in the body's frame.
         """
-        self._in_body_frame = in_body_frame
         self._check_size(t, velocity, yaw_rate)
         goes_on = (
             all(self._stopped)
@@ -70,7 +68,9 @@ class SetpointLimits:
         if self.last_t is None or t - self.last_t > _GAP_S or goes_on:
             self._acceleration, self._stopped = None, _stops(velocity)
         elif t > self.last_t:
-            self._check_change(t, t - self.last_t, velocity, waves_off=waves_off)
+            self._check_change(
+                t, t - self.last_t, velocity, waves_off=waves_off, in_body_frame=in_body_frame
+            )
         self.last_t, self._velocity = t, velocity
 
     def levelled(self) -> None:
@@ -90,7 +90,9 @@ class SetpointLimits:
         if abs(yaw_rate) > b.yaw_rate * _TOLERANCE:
             self._broken(t, "3: turning too fast")
 
-    def _check_change(self, t: float, dt: float, velocity: Vec3, *, waves_off: bool) -> None:
+    def _check_change(
+        self, t: float, dt: float, velocity: Vec3, *, waves_off: bool, in_body_frame: bool
+    ) -> None:
         b, before = self._b, self._velocity
         a = (
             (velocity[0] - before[0]) / dt,
@@ -107,7 +109,7 @@ class SetpointLimits:
             change = math.hypot(a[0] - was[0], a[1] - was[1])
             jerk = (min(change, horizontal(a)) if self._stopped[0] else change) / dt
             size = min(horizontal(a), horizontal(velocity) / dt) if gap else horizontal(a)
-            if self._in_body_frame:
+            if in_body_frame:
                 size, jerk = size - 2.0 * _HEADING_ERROR * horizontal(velocity) / dt, 0.0
             self._check_axes("horizontal", t, dt, size, jerk, b.acceleration_mps2)
         if not (stops[1] or waves_off):
