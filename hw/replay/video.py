@@ -6,17 +6,15 @@ import os
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from landerd.messages import Frame
+from landerd.opencv_files import grey_image, opencv_name
 
 TIMES = "times.csv"  # in a folder of images: NAME,SECONDS a line
-# However the camera was held: a calibration is of the pixels as the sensor has them.
-_READ_AS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 _RATE_FRAMES = 31  # that tell the rate of a video
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"}
 
@@ -41,8 +39,7 @@ def read_video(path: Path) -> Iterator[Frame]:
         raise VideoError(f"{path}: no such file or folder")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    name: Any = os.fsencode(path)  # in a str a name that is no UTF-8 ends the process
-    capture = cv2.VideoCapture(name)
+    capture = cv2.VideoCapture(opencv_name(path))
     try:
         if not capture.isOpened():
             raise VideoError(f"{path}: not a video that can be read")
@@ -90,12 +87,9 @@ def _folder(path: Path) -> Iterator[Frame]:
 
 def _image(path: Path) -> NDArray[np.uint8]:
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-        image = cv2.imdecode(data, _READ_AS) if data.size else None
+        image = grey_image(path.read_bytes())
     except OSError as e:
         raise VideoError(f"{path}: cannot be read: {e.strerror}") from None
-    except cv2.error:  # more pixels than it takes
-        image = None
     if image is None:
         raise VideoError(f"{path}: not an image that can be read")
     return np.asarray(image, dtype=np.uint8)

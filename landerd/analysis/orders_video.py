@@ -1,15 +1,14 @@
 """A video with what vision saw and what the core ordered drawn over its pictures."""
 
 import math
-import os
 from pathlib import Path
-from typing import Any
 
 import cv2
 
 from landerd.camera_model import CameraModel
 from landerd.lander import Lander
 from landerd.messages import Command, Frame, Input, Prior, Setpoint, Sightings, Tick
+from landerd.opencv_files import opencv_name
 from landerd.pad import PadLayout
 from landerd.runtime.observer import Observer
 from landerd.vision.draw import draw, write
@@ -32,8 +31,8 @@ class OrdersVideo(Observer):
         self._frames = 0
         size = (camera.width, camera.height)
         code = cv2.VideoWriter.fourcc(*("VP80" if path.suffix == ".webm" else "mp4v"))
-        name: Any = os.fsencode(path)  # in a str a name that is no UTF-8 ends the process
-        self._writer, self._name = cv2.VideoWriter(name, code, fps, size), name
+        self._name = opencv_name(path)
+        self._writer = cv2.VideoWriter(self._name, code, fps, size)
         if not self._writer.isOpened():
             raise VideoNotWritten(f"{path}: this video cannot be written")
         self._lander: Lander | None = None

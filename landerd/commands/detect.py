@@ -5,10 +5,10 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ from landerd.config.files import own_or
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3, cross, dot, scale, sub
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Sightings
+from landerd.opencv_files import grey_image, opencv_name
 from landerd.pad import PadError, PadLayout, Ring, load_pad
 from landerd.vision import Vision
 from landerd.vision.disagreement import Disagreement
@@ -32,10 +33,6 @@ _MOST_CAMERAS = 1000  # a longer number is none's
 _READOUT_S = 0.02  # of the shutter of a camera that nobody knows
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
 _OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".dng"}  # which OpenCV does not read
-# However the camera was held: a calibration is of the pixels as the sensor has them.
-_READ_AS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-_TIFF: Mapping[bytes, Literal["little", "big"]] = {b"II*\0": "little", b"MM\0*": "big"}
-_ORIENTATION, _NO_TURN = 274, 1  # a TIFF's tag, and its value
 _BITS = 8  # of a pixel here
 
 
@@ -223,32 +220,17 @@ def pictures(source: str, refuse: Refuse) -> Iterator[Picture]:
 
 def _still(path: Path) -> Picture:
     try:
-        data = np.frombuffer(_without_turn(path.read_bytes()), np.uint8)
+        data = path.read_bytes()
     except OSError as e:
         raise SourceError(f"{path}: cannot be read: {e.strerror}") from None
-    try:
-        image = cv2.imdecode(data, _READ_AS | cv2.IMREAD_ANYDEPTH) if data.size else None
-        if image is not None and image.dtype == np.uint16:
-            image = _of_depth(image)
-        elif image is not None and image.dtype != np.uint8:
-            image = cv2.imdecode(data, _READ_AS)
-    except cv2.error:  # more pixels than it takes
-        image = None
+    image = grey_image(data, any_depth=True)
+    if image is not None and image.dtype == np.uint16:
+        image = _of_depth(image)
+    elif image is not None and image.dtype != np.uint8:
+        image = grey_image(data)
     if image is None:
         raise SourceError(f"{path}: not an image that can be read")
     return Picture(str(path), 0.0, np.asarray(image, dtype=np.uint8), False, True)
-
-
-def _without_turn(data: bytes) -> bytes:
-    """Return a file; of a TIFF without the turn, which OpenCV makes there all the same."""
-    order = _TIFF.get(data[:4])
-    if order is None:
-        return data
-    tags = int.from_bytes(data[4:8], order) + 2
-    for at in range(tags, tags + 12 * int.from_bytes(data[tags - 2 : tags], order), 12):
-        if int.from_bytes(data[at : at + 2], order) == _ORIENTATION:
-            return data[: at + 8] + _NO_TURN.to_bytes(2, order) + data[at + 10 :]
-    return data
 
 
 def _of_depth(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -262,8 +244,7 @@ def _frames(source: str) -> Iterator[Picture]:
     if not is_camera and "://" not in source and not Path(source).is_file():
         raise SourceError(f"{source}: no such file or folder")
     number = int(source) if source.isdecimal() else -1
-    name: Any = os.fsencode(source)  # in a str a name that is no UTF-8 ends the process
-    capture = cv2.VideoCapture(number if 0 <= number < _MOST_CAMERAS else name)
+    capture = cv2.VideoCapture(number if 0 <= number < _MOST_CAMERAS else opencv_name(source))
     try:
         if not capture.isOpened():
             what = "no camera that opens" if is_camera else "neither an image nor a video"

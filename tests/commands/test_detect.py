@@ -2,7 +2,6 @@
 
 import json
 import math
-import struct
 from pathlib import Path
 
 import cv2
@@ -14,6 +13,7 @@ from landerd.commands.detect import yaw_deg
 from landerd.geometry import Vec3
 from landerd.pad import load_pad
 from landerd.vision.pose import vec3
+from tests.tiffs import tiff
 from tests.vision.scenes import THESIS_CAMERA, Optics, View, look, render, with_tag
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -72,16 +72,6 @@ def test_a_camera_that_was_held_another_way_has_the_same_calibration(
     assert main(["detect", str(file), *FILES, "--json"]) == 0
     pad = json.loads(capsys.readouterr().out)["pad"]
     assert math.dist(pad["position_m"], VIEW.position) < 0.02
-
-
-def tiff(image: np.ndarray, orientation: int) -> bytes:
-    """Return a grey picture as a TIFF that tells how it was held."""
-    height, width = image.shape
-    values = {256: width, 257: height, 258: 8, 259: 1, 262: 1, 273: 200, 274: orientation}
-    values |= {277: 1, 278: height, 279: image.size}
-    tags = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in values.items())
-    head = b"II*\0" + struct.pack("<IH", 8, len(values)) + tags
-    return head.ljust(200, b"\0") + image.tobytes()
 
 
 def test_a_tiff_is_not_turned_either(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hw.replay.video import VideoError, read_video
+from tests.tiffs import tiff
 
 GREY = np.full((48, 64), 128, np.uint8)
 
@@ -76,3 +77,11 @@ def test_a_camera_that_was_held_another_way_has_the_same_calibration(tmp_path: P
     (tmp_path / "f-0.0.jpg").write_bytes(jpeg.tobytes()[:2] + app1 + jpeg.tobytes()[2:])
     (frame,) = read_video(tmp_path)
     assert frame.image.shape == GREY.shape
+
+
+def test_a_tiff_is_read_as_the_sensor_had_it(tmp_path: Path) -> None:
+    """OpenCV turns a TIFF, whatever it is told."""
+    grey = np.tile(np.arange(64, dtype=np.uint8), (48, 1))
+    (tmp_path / "held-0.tif").write_bytes(tiff(grey, orientation=3))
+    (frame,) = read_video(tmp_path)
+    assert np.array_equal(frame.image, grey)
