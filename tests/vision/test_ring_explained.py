@@ -308,6 +308,10 @@ def test_a_target_of_several_rings_is_none_of_ours(
         (0.54, 12.0, 45.0, 0.95),
         (0.54, 12.0, 45.0, 1.0),
         (0.56, 20.0, 45.0, 1.0),
+        # as of clipped white, but a ring of the nearer ratio explains a tilted one without spread
+        (0.46, 6.0, 45.0, 1.2),
+        (0.47, 9.0, 35.0, 0.95),
+        (0.48, 12.0, 45.0, 1.0),
     ],
 )
 def test_a_ring_of_another_ratio_is_none_of_ours_behind_a_curve(
