@@ -1,6 +1,6 @@
-"""The print of a marker as a blurred image shows it, with its slopes.
+"""A marker's print, blurred as an image shows it, with the derivatives that `print_fit` needs.
 
-The print's own axes: u to its right, v down, in samples.
+The print is an image of samples with its own axes, in samples: u to its right, v down.
 """
 
 import math
@@ -12,41 +12,49 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64
 from landerd.vision.arrays import F32
 
-_MAX_BLUR_CHANGE = 0.1  # relative; less than that and the blurred print is kept
-_MAX_SAMPLE = 1e5  # where a float32 still holds a hundredth of a sample
+# Change of the blur's covariance, over its largest element, below which the last blurred print is
+# used again.
+_MAX_BLUR_CHANGE = 0.1
+_MAX_SAMPLE = 1e5  # largest coordinate, samples: a float32 still resolves a hundredth there
 
-# Derivatives of a sampled print, as kernels along u (their transposes: along v).
+# Kernels of the derivatives of a sampled print by u; their transposes are those by v.
 _SLOPE_U = np.array([[1.0, -8.0, 0.0, 8.0, -1.0]]) / 12.0
 _SECOND_U = np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 1.0], [0.0, 0.0, 0.0]])
-_MIXED = np.array([[1.0, 0.0, -1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 1.0]]) / 2.0  # both, doubled
+# Twice the mixed derivative by u and v.
+_MIXED = np.array([[1.0, 0.0, -1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 1.0]]) / 2.0
 
 
 class BlurredPrint:
-    """A print, blurred as asked for.
+    """A print that can be blurred by any Gaussian.
 
-    Keeps the last result, because the next blur is likely nearly the same: what is returned depends
-    on the calls before, by less than a tenth of the blur.
+    Keeps the last result, because the next blur is likely nearly the same. The result therefore
+    depends on earlier calls, by less than a tenth of the blur.
     """
 
     def __init__(self, fine: NDArray[np.floating], per_m: float) -> None:
-        """Take samples (n, n) of the print and of the white round it: 1 white, 0 black, top first.
+        """Prepare to blur a print.
 
-        Its centre is in the middle; `per_m` samples make a metre.
+        Args:
+            fine: samples (n, n) of the print, its centre in the middle, and of the white round it:
+                1 white, 0 black, the top row first.
+            per_m: samples per metre.
         """
         n = fine.shape[0]
         self.per_m = per_m
-        self._made: tuple[F64, F32] | None = None  # a spread, and the layers blurred by it
+        self._made: tuple[F64, F32] | None = None  # the last covariance and its layers
         self._centre = 0.5 * n - 0.5
         self._spectrum = np.fft.rfft2(fine)
         self._ku = 2.0 * math.pi * np.fft.rfftfreq(n)[None, :]
         self._kv = 2.0 * math.pi * np.fft.fftfreq(n)[:, None]
 
     def layers(self, spread: F64, blur: float) -> F32:
-        """Return the print (n, n, 4) after about this blur: value, slopes by u, v and the blur.
+        """Return the print with about this blur: its value and three derivatives, (n, n, 4).
+
+        The derivatives are those by u, by v, and by the variance of the blur in the image.
 
         Args:
             spread: covariance of the blur on the print (u, v), samples^2, (2, 2).
-            blur: its variance in the image; the last slope is by this.
+            blur: variance of the same blur in the image, pixels^2.
         """
         if self._made is not None:
             made, layers = self._made
@@ -64,15 +72,24 @@ class BlurredPrint:
         n = self._spectrum.shape[0]
         spectrum = self._spectrum * np.exp(-0.5 * square)
         value = np.fft.irfft2(spectrum, s=(n, n)).astype(np.float32)
-        # A Gaussian's variance spreads as heat does: its slope is half the Laplacian.
+        # As in the heat equation, the derivative by a Gaussian's variance is half the Laplacian.
         heat = spread[0, 0] * _SECOND_U + spread[1, 1] * _SECOND_U.T + spread[0, 1] * _MIXED
         slopes = (_SLOPE_U, _SLOPE_U.T, (0.5 / blur) * heat)
         layers = cv2.merge([value, *(cv2.filter2D(value, -1, kernel) for kernel in slopes)])
         return np.asarray(layers, dtype=np.float32)
 
     def at(self, layers: F32, north: F64, east: F64) -> tuple[F64, F64, F64, F64]:
-        """Return layers at points (n,), m: the value, and slopes by north, east (1/m) and blur."""
-        # A pose that a step has thrown far off sees points that no float32 can hold.
+        """Return value and derivatives of the blurred print at points of the marker's plane.
+
+        Args:
+            layers: as `layers` returns them.
+            north: of the points, from the print's centre, m, (n,).
+            east: of the points, likewise.
+
+        Returns:
+            value, and its derivatives by north and east, 1/m, and by the blur, each (n,).
+        """
+        # Under a pose that a step has put far off, coordinates may be too large for a float32.
         u = np.clip(self._centre + east * self.per_m, -_MAX_SAMPLE, _MAX_SAMPLE).astype(np.float32)
         v = np.clip(self._centre - north * self.per_m, -_MAX_SAMPLE, _MAX_SAMPLE).astype(np.float32)
         at = cv2.remap(layers, u[None, :], v[None, :], cv2.INTER_LINEAR)[0].T.astype(np.float64)

@@ -1,4 +1,8 @@
-"""Sightings drawn into their image, for people."""
+"""Draws sightings into the image they were seen in, for people to look at.
+
+`landerd detect`, flight reports, videos of orders and `landerd sim` save such pictures; the live
+view uses only `plate_edge`.
+"""
 
 import math
 
@@ -20,15 +24,15 @@ _PAD: Colour = (255, 200, 0)
 _NORTH: Colour = (60, 60, 255)
 _EAST: Colour = (80, 220, 80)
 _UP: Colour = (255, 120, 60)
-_SHIFT = 4  # OpenCV draws at 1/16 of a pixel
+_SHIFT = 4  # fractional bits of the coordinates OpenCV draws at: sixteenths of a pixel
 
 
 def draw(image: Image, sightings: Sightings, camera: CameraModel, layout: PadLayout) -> Image:
-    """Return a BGR picture (height, width, 3) of a grey image with what was seen in it.
+    """Return a BGR picture (height, width, 3) of a grey image with the sightings drawn into it.
 
-    Each marker has its outline, id, range and 1 sigma; the pad has its plate's edge and its axes at
-    the landing point: north red, east green, up blue. A pad without heading has no plate and only
-    the axis up.
+    Each marker is drawn as its outline, with its kind and id, range, largest sigma of position and
+    sigma of yaw. The pad is drawn as its plate's edge and its axes at the landing point (north red,
+    east green, up blue), with the same figures. Of a pad without heading only the axis up is drawn.
     """
     picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     size = max(0.5, min(camera.width, camera.height) / 960.0)
@@ -64,7 +68,13 @@ def _draw_pad(
 
 
 def plate_edge(pad: PoseSolution, camera: CameraModel, layout: PadLayout) -> F64 | None:
-    """Return the plate's corners (4, 2) in pixels; None: unknown heading, or behind the lens."""
+    """Return the plate's corners (4, 2), px; None: heading unknown, or one is behind the lens.
+
+    Args:
+        pad: the pad's pose, camera frame.
+        camera: the lens.
+        layout: of the pad.
+    """
     if pad.north is None:
         return None
     R = rotation_from(np.array(pad.normal), np.array(pad.north))
@@ -85,7 +95,7 @@ def _length(metres: float) -> str:
 
 
 def _fixed(points: F64) -> NDArray[np.int32]:
-    """Return points in OpenCV's sixteenths of a pixel; far-off ones are pulled near."""
+    """Return points (n, 2), px, in sixteenths of a pixel, clipped to what OpenCV can draw."""
     return np.rint(np.clip(points, -2e4, 2e4) * (1 << _SHIFT)).astype(np.int32)
 
 
@@ -106,9 +116,16 @@ def _text(picture: Image, at: tuple[float, float], text: str, colour: Colour, si
 
 
 def write(picture: Image, at: tuple[int, int], text: str, colour: Colour, size: float) -> None:
-    """Write a line from its lower left corner (px) into a BGR picture.
+    """Write a line of text on a darkened background into a BGR picture.
 
-    On a darkened ground: an outline as small as the letters leaves ghosts of them.
+    The background is darkened, as an outline around letters this small shows as a ghost of them.
+
+    Args:
+        picture: (height, width, 3); changed in place.
+        at: lower left corner of the text (x, y), px.
+        text: the line.
+        colour: of the letters.
+        size: of the letters, in units of OpenCV's font scale.
     """
     (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
     x, y = at

@@ -1,6 +1,7 @@
-"""Inverses and solutions of small matrices: numpy's own take four to nine times as long.
+"""Inverses, eigenvectors and linear equations of small matrices by OpenCV, for speed.
 
-What OpenCV takes for singular may only be small, as covariances are: there numpy's tell.
+numpy's own functions take four to nine times as long. OpenCV also reports matrices as singular that
+are only small, as covariances are: those are handed to numpy, which decides.
 """
 
 import cv2
@@ -20,16 +21,20 @@ def inverse(matrix: F64) -> F64:
 
 
 def eigen(matrix: F64) -> tuple[F64, F64]:
-    """Return the eigenvalues (n,) of a symmetric matrix, falling, and unit eigenvectors as columns.
+    """Return eigenvalues (n,), descending, and unit eigenvectors (n, n) of a symmetric matrix.
 
-    Unlike numpy's they may point either way from one version to the next.
+    The eigenvectors are columns. Unlike numpy's, their signs may differ between versions of OpenCV.
     """
     _, values, vectors = cv2.eigen(matrix)
     return np.asarray(values[:, 0], dtype=np.float64), np.asarray(vectors.T, dtype=np.float64)
 
 
 def solved(matrix: F64, right: F64) -> F64:
-    """Return the solution (n,) or (n, k) of matrix (n, n) times it being right, (n,) or (n, k).
+    """Return x, (n,) or (n, k), such that matrix @ x = right.
+
+    Args:
+        matrix: (n, n).
+        right: right-hand side, (n,) or (n, k).
 
     Raises:
         LinAlgError: the matrix is singular.

@@ -1,7 +1,8 @@
-"""Whether a ring is another pad's, by the id of the tag that lies where the pad has its own.
+"""Tells whether a ring is another pad's, by the id of a tag beside it.
 
-Landing pads of one print stand side by side and differ by nothing else. From 14 px on an id is
-read; only one without an error counts, where and as large as the pad's own would be.
+Landing pads of the same print may stand side by side and differ only by the ids of their square
+markers. An id is read from a side of 14 px on. It counts only if it is read without any error, and
+its tag is as large and as far from the ring as the pad's own tag would be.
 """
 
 import math
@@ -16,18 +17,29 @@ from landerd.vision.patch import is_any_in_picture
 from landerd.vision.pose import MIN_DEPTH_M, circle, px_per_m, rotation_from
 from landerd.vision.square import SquareFinder
 
-_MIN_SIDE_PX, _READ_AT_PX = 14.0, 40.0  # of a tag: smaller ones are enlarged to the second
-_HEADINGS = 32  # under which a tag may lie about the ring
-_LEAST_SIDE = 0.6  # of it in the picture: what is smaller is not looked at
-_SIZE_OFF, _PLACE_OFF = 0.25, 0.2  # share by which side and distance from the ring may be off
+# Least expected side of a tag, px, that is looked for, and the side to which smaller ones than that
+# are enlarged.
+_MIN_SIDE_PX, _READ_AT_PX = 14.0, 40.0
+_HEADINGS = 32  # headings of the pad at which a tag is tested for being in the picture
+_LEAST_SIDE = 0.6  # least side of outlines that are looked at, over the expected one
+# Largest errors of a tag's side, over the side, and of its distance from the ring, over the larger
+# of distance and side.
+_SIZE_OFF, _PLACE_OFF = 0.25, 0.2
 
 
 class OtherIds:
-    """Looks for squares of other ids about the rings of one pad."""
+    """Looks for squares with other ids about the rings of one pad."""
 
     def __init__(self, layout: PadLayout, camera: CameraModel, squares: SquareFinder) -> None:
-        """Prepare for one camera."""
-        # Dictionary, side and distance from the ring, m, of its squares; those that are alike once.
+        """Prepare for one camera.
+
+        Args:
+            layout: of the pad.
+            camera: the lens.
+            squares: the finder of the pad's squares.
+        """
+        # For each ring: dictionary, side and distance from the ring, m, of the pad's squares;
+        # those that agree in all three only once.
         self._beside = {
             ring: sorted(
                 {
@@ -41,12 +53,12 @@ class OtherIds:
         self._finder = squares
 
     def beside(self, image: Image, ring: Ring, sighting: MarkerSighting) -> int | None:
-        """Return the other id of a square that lies beside a ring as one of the pad's would.
+        """Return the id of a square beside a ring that proves it another pad's; None: none does.
 
         Args:
             image: grey image (height, width).
             ring: of the pad.
-            sighting: what was taken for it.
+            sighting: what was taken for this ring.
         """
         best = sighting.solutions[0]
         t, normal = np.array(best.position), np.array(best.normal)
@@ -71,7 +83,10 @@ class OtherIds:
         return None
 
     def _window(self, points: F64) -> Window | None:
-        """Return the part of the picture that holds points (n, 3); None: one is behind it."""
+        """Return the part of the picture that holds points (n, 3), camera frame, m; may be empty.
+
+        None: a point is behind the lens, or nearer to it than `MIN_DEPTH_M`.
+        """
         if float(points[:, 2].min()) < MIN_DEPTH_M:
             return None
         px = self._camera.pixels(points)
@@ -80,7 +95,13 @@ class OtherIds:
         return window.within(self._camera.width, self._camera.height)
 
     def _on_plane(self, corners: F64, t: F64, normal: F64) -> tuple[float, float]:
-        """Return side and distance from t, m, of a square in its plane, seen at corners (4, 2)."""
+        """Return the mean side of a square, m, and its centre's distance from t, m.
+
+        Args:
+            corners: of the square in the image, px, (4, 2).
+            t: point (3,) of the plane it lies in, camera frame, m.
+            normal: unit vector (3,) of that plane.
+        """
         rays = np.column_stack([self._camera.rays(corners), np.ones(4)])
         points = rays * (float(normal @ t) / (rays @ normal))[:, None]
         side = float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).mean())
