@@ -1,4 +1,8 @@
-"""The pixels of a planar marker, and where their rays meet its plane."""
+"""The pixels of a planar marker, where their rays meet its plane, and tests of what is in view.
+
+`marker_patch` chooses the pixels to which `print_fit` fits a print. The rest is shared by most of
+vision: intersections with a plane, grey levels at points, rays of a grid of pixels.
+"""
 
 import math
 from collections.abc import Callable
@@ -15,31 +19,33 @@ from landerd.vision.arrays import Image, Mask
 from landerd.vision.linear import inverse
 from landerd.vision.pose import MIN_DEPTH_M, Pose
 
-_MAX_SIDE_PX = 30.0  # larger markers are fitted on a reduced image
-_MIN_SIDE_PX = 4  # of the reduced box
-_MIN_COUNT = 50  # pixels: a fit has 11 parameters
-_LENS_NODES = 5
+_MAX_SIDE_PX = 30.0  # the image of a larger marker is reduced to about this side
+_MIN_SIDE_PX = 4  # least sides of the box round a marker, px of the reduced image
+_MIN_COUNT = 50  # least number of pixels: a fit has 11 parameters
+_LENS_NODES = 5  # along each axis, at which the lens's map is computed
 _NODES = np.linspace(0.0, 1.0, _LENS_NODES)
 # Blur of a sharp lens, sigma 0.6 px, and of a pixel's own box: variances, px^2.
 _LENS_BLUR, _BOX_BLUR = 0.36, 1.0 / 12.0
-# What lens model, light and sampling leave out, as an error of the corners in fitted pixels, chosen
+# Error of the corners, in fitted pixels, by what lens model, light and sampling leave out; chosen
 # so that the stated 95 % regions of `bench.vision_square` hold about 95 %.
 _EDGE_BIAS_PX = 0.006
-_REDUCED_BIAS_PX = 0.001  # and for each pixel of the image along a fitted one: no box is a Gaussian
+# The same by reducing the image, for each of its pixels along a fitted one: the model takes the box
+# that is averaged for a Gaussian.
+_REDUCED_BIAS_PX = 0.001
 
 
 @dataclass(frozen=True)
 class Patch:
-    """A marker's pixels, each perhaps the mean of a square of the image's."""
+    """The pixels a marker is fitted to; each is the mean of a square of the image's pixels."""
 
-    grey: F64  # (n,)
-    rays: F64  # homogeneous, (3, n)
-    x: F64  # of the rays, from -0.5 to 0.5 or so about their mean, (n,)
-    y: F64
-    pixel: float  # width of one on the plane z = 1
-    blur: float  # variance to start from, pixels^2: a sharp lens's spread and the pixel's box
-    bias: float  # error of the corners that no residual shows, pixels, with a sharp lens
-    reduction: int  # pixels of the image along one
+    grey: F64  # grey levels, (n,)
+    rays: F64  # homogeneous, z = 1, (3, n)
+    x: F64  # of the rays, centred and divided by their range: about -0.5 to 0.5, (n,)
+    y: F64  # likewise
+    pixel: float  # width of a pixel on the plane z = 1
+    blur: float  # variance to start from, pixels^2: that of a sharp lens and of the pixel's box
+    bias: float  # error of the corners that residuals do not show, pixels, with a sharp lens
+    reduction: int  # number of the image's pixels along a side of one of these
 
 
 def marker_patch(
@@ -50,15 +56,17 @@ def marker_patch(
     is_used: Callable[[F64, F64], Mask],
     reduction: int | None = None,
 ) -> Patch | None:
-    """Return the marker's pixels under a pose, reduced if they are many; None if too few.
+    """Return the pixels that show a marker under a pose; None: too few, or it is behind the lens.
+
+    The image of a large marker is reduced, which saves time.
 
     Args:
         image: grey image (height, width).
         camera: the lens.
-        pose: of the marker.
-        reach: half the side of the square that holds all of interest, m.
-        is_used: tells which points (north, east; (n,) each, m) of the plane are of interest.
-        reduction: how many pixels along a side become one; None: as many as there should.
+        pose: of the marker, camera frame.
+        reach: half the side of the square about the marker's centre that is considered, m.
+        is_used: tells which points of the marker's plane are used, by north and east, m, (n,) each.
+        reduction: number of pixels along a side that become one; None: chosen by the marker's size.
     """
     corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * reach
     outline = pose.points(corners)
@@ -92,24 +100,44 @@ def marker_patch(
 
 
 def _reduction(px: F64, low: NDArray[np.int_], high: NDArray[np.int_]) -> int:
-    """Return how many pixels along a side become one, for an outline (4, 2) in a box."""
+    """Return the number of pixels along a side that become one.
+
+    Args:
+        px: corners (4, 2) of the square that is considered, px.
+        low: top left corner (2,) of the box round them within the image, px.
+        high: its bottom right corner, likewise.
+    """
     in_image = float(np.prod(np.maximum(high - low, 0)))
     area = min(cv2.contourArea(px.astype(np.float32)), in_image)
     return max(1, round(math.sqrt(area) / _MAX_SIDE_PX))
 
 
 def on_plane(rays: F64, pose: Pose) -> tuple[F64, F64]:
-    """Return where homogeneous rays (3, n) meet the marker's plane: north and east, m, (n,)."""
+    """Return north and east, m, (n,) each, of the points where rays meet a marker's plane.
+
+    Args:
+        rays: homogeneous, camera frame, (3, n).
+        pose: of the marker, camera frame.
+    """
     H = inverse(np.column_stack([pose.R[:, 0], pose.R[:, 1], pose.t]))
     q = H @ rays
     return q[0] / q[2], q[1] / q[2]
 
 
 def pose_slope(out: F64, pose: Pose, north: F64, east: F64, slope_n: F64, slope_e: F64) -> None:
-    """Write the derivative (6, n) of grey levels by (dt, w), both on the marker's own axes.
+    """Write the derivative of grey levels by (dt, w), both on the marker's own axes, into `out`.
 
-    At a fixed ray a plane moved by m = dt + w x arm carries the point -g . m along its axis r,
-    g = r - normal (r . ray) / (normal . ray); in the marker's axes g and arm are plain.
+    A point at `arm` from the marker's centre moves by m = dt + w x arm. The point that a fixed ray
+    shows then moves on the marker, along its axis r, by -g . m, with
+    g = r - normal (r . ray) / (normal . ray). On the marker's axes g and arm are simple.
+
+    Args:
+        out: (6, n), overwritten.
+        pose: of the marker, camera frame.
+        north: of the points on the marker, m, (n,).
+        east: likewise.
+        slope_n: derivative of the grey levels by north, 1/m, (n,).
+        slope_e: the same by east.
     """
     t = pose.R.T @ pose.t
     lift = (slope_n * (north + t[0]) + slope_e * (east + t[1])) / t[2]
@@ -122,7 +150,7 @@ def pose_slope(out: F64, pose: Pose, north: F64, east: F64, slope_n: F64, slope_
 
 
 def on_plate(plate: Plate, points: F64) -> Mask:
-    """Tell which points (n, 2) of the pad, its own axes, m, lie on its plate."""
+    """Tell which points (n, 2) of the pad (north, east; m) lie on its plate."""
     north, east = points.T
     is_on = (north < plate.north_m) & (north > -plate.south_m)
     is_on &= (east < plate.east_m) & (east > -plate.west_m)
@@ -130,7 +158,7 @@ def on_plate(plate: Plate, points: F64) -> Mask:
 
 
 def whole_in_picture(camera: CameraModel, points: F64) -> F64 | None:
-    """Return the pixels (n, 2) of points (n, 3), camera frame; None: not all are in the picture."""
+    """Return points (n, 3), camera frame, m, as px (n, 2); None: not all are in the picture."""
     if float(points[:, 2].min()) < MIN_DEPTH_M:
         return None
     px = camera.pixels(points)
@@ -139,15 +167,21 @@ def whole_in_picture(camera: CameraModel, points: F64) -> F64 | None:
 
 
 def is_any_in_picture(camera: CameraModel, points: F64) -> bool:
-    """Tell whether one of points (n, 3), camera frame, is in the picture."""
+    """Tell whether at least one of points (n, 3), camera frame, m, is in the picture."""
     px = camera.pixels(points[points[:, 2] > MIN_DEPTH_M])
     return bool(((px >= 0.0) & (px <= (camera.width - 1, camera.height - 1))).all(axis=1).any())
 
 
 def lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int], step: int) -> F64:
-    """Return the homogeneous rays (3, rows * columns) of a grid of pixels.
+    """Return the homogeneous rays (3, rows * columns) of a grid of pixels, row by row.
 
     The lens's map is smooth: it is computed at a few nodes and interpolated by polynomials.
+
+    Args:
+        camera: the lens.
+        low: column and row (2,) of the grid's top left pixel in the image.
+        size: numbers of columns and rows of the grid.
+        step: side of the square of the image's pixels that is one of the grid's.
     """
     columns, rows = (
         first + (0.5 + (n - 1) * _NODES) * step - 0.5
@@ -164,7 +198,7 @@ def lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int],
 
 @lru_cache
 def _lagrange(n: int) -> F64:
-    """Return the weights (n, nodes) of polynomial interpolation at n even steps between nodes."""
+    """Return weights (n, nodes) of the polynomial through the nodes at n evenly spaced places."""
     powers = np.vander(np.linspace(-1.0, 1.0, _LENS_NODES), increasing=True)
     x = np.linspace(-1.0, 1.0, n)
     weights: F64 = np.vander(x, _LENS_NODES, increasing=True) @ np.asarray(np.linalg.inv(powers))
@@ -172,12 +206,13 @@ def _lagrange(n: int) -> F64:
 
 
 def _normalised(x: F64) -> F64:
+    """Return values (n,) less their mean, over their range."""
     centred: F64 = (x - x.mean()) / max(float(x.max() - x.min()), 1e-9)
     return centred
 
 
 def levels_at(image: Image, camera: CameraModel, points: F64) -> F64:
-    """Return grey levels at points (n, 3), camera frame; NaN at those that are not in the image."""
+    """Return grey levels (n,) at points (n, 3), camera frame, m; NaN outside the image."""
     is_seen = points[:, 2] > MIN_DEPTH_M
     px = camera.pixels(np.where(is_seen[:, None], points, (0.0, 0.0, 1.0)))
     h, w = image.shape

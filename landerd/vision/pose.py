@@ -1,8 +1,10 @@
-"""Pose of a planar marker or of the pad with its information matrix, and what vision reports of it.
+"""Pose of a planar marker or of the pad, with its information matrix; and small geometry for it.
 
-The frame of a marker and of the pad: origin at the centre or landing point, x to its north, y
-east, z into the plane. A small error of a pose is the 6-vector (dt, w) in the camera frame: the
-origin moved by dt, the axes turned by the rotation vector w.
+Frame of a marker or pad: origin at its centre or landing point, x to its north, y to its east, z
+into the plane. A small error of a pose is the 6-vector (dt, w) in the camera frame: the origin is
+moved by dt, m, and the axes are turned by the rotation vector w, rad.
+
+All of vision works with `Pose`; `solution` turns one into the message that vision reports.
 """
 
 import math
@@ -18,28 +20,30 @@ from landerd.geometry import Mat3, Vec3, angle_between, cross, dot
 from landerd.messages import PoseSolution
 from landerd.vision.linear import inverse
 
-# Of the angle between two normals: of one solution in two frames, between which a gimbal turns the
-# camera less; and of two fits that are one solution.
+# Normals in consecutive frames belong to the same solution of the planar ambiguity if the cosine of
+# the angle between them is larger: a gimbal turns the camera by less between frames.
 SAME_SOLUTION_COS = math.cos(math.radians(5.0))
+# The same for the normals of two fits to one picture.
 EQUAL_NORMALS_COS = math.cos(math.radians(1.0))
-# Of a pad's normal about gravity: decks heave and roll; and gravity itself is as uncertain as
-# attitude, gimbal and mounting.
+# Sigma of the angle between a pad's normal and gravity, rad: decks heave and roll (5 degrees), and
+# gravity is as uncertain as attitude, gimbal and mounting (2 degrees).
 LEVEL_SIGMA = math.radians(math.hypot(5.0, 2.0))
-_MAX_GRAVITY_CHI2 = 30.0  # some pad may lean more: a picture that is clear overrules gravity
-MIN_DEPTH_M = 0.05  # what is nearer to the lens is not projected into the image
+_MAX_GRAVITY_CHI2 = 30.0  # a pad may lean more after all: a clear picture overrules gravity
+MIN_DEPTH_M = 0.05  # points nearer to the lens than this are not projected into the image
 _NONE_SHARED: F64 = np.zeros((6, 0))
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """One pose that explains the image, camera frame."""
+    """One pose of a marker or pad that explains the image, camera frame."""
 
     R: F64  # rotation from the marker or pad frame, (3, 3)
-    t: F64  # origin, m, (3,)
-    information: F64  # inverse covariance of (dt, w), (6, 6); singular where nothing is known
+    t: F64  # origin of that frame, m, (3,)
+    information: F64  # inverse covariance of (dt, w), (6, 6); singular: part of it is unknown
     cost: float  # chi-square of the fit
-    # What one sigma of independent errors that all markers of the picture share, the motion during
-    # a rolling shutter's readout, does to (dt, w), (6, k); it is in the information, too.
+    # Changes of (dt, w), (6, k), by one sigma of each of k independent errors that all markers of
+    # the picture share: the motion during a rolling shutter's readout. The information includes
+    # them, too.
     shared: F64 = field(default_factory=lambda: _NONE_SHARED)
 
     @property
@@ -48,25 +52,25 @@ class Pose:
         return self.R[:, 2]
 
     def points(self, flat: F64) -> F64:
-        """Return points (n, 2) of the plane, its own axes, m, as points (n, 3) of the camera's."""
+        """Return points (n, 2) of the plane (north, east; m) in the camera frame, m, (n, 3)."""
         points: F64 = self.t + flat @ self.R[:, :2].T
         return points
 
     def rays(self, flat: F64) -> F64:
-        """Return the rays (n, 2), on z = 1, of points (n, 2) of the plane."""
+        """Return the rays (n, 2) on z = 1 of points (n, 2) of the plane (north, east; m)."""
         p = self.points(flat)
         rays: F64 = p[:, :2] / p[:, 2:]
         return rays
 
     def moved(self, step: NDArray[np.floating]) -> "Pose":
-        """Return the pose after a step (dt, w) with the same information and cost."""
+        """Return the pose moved by a step (dt, w), camera frame, with its information and cost."""
         return Pose(
             cv2.Rodrigues(step[3:])[0] @ self.R, self.t + step[:3], self.information, self.cost
         )
 
 
 def solution(pose: Pose) -> PoseSolution | None:
-    """Return a pose with north as vision reports it; None if its covariance does not exist."""
+    """Return the message of a pose whose north is known; None: its information is singular."""
     try:
         covariance = inverse(pose.information)
     except np.linalg.LinAlgError:
@@ -75,7 +79,13 @@ def solution(pose: Pose) -> PoseSolution | None:
 
 
 def solution_of(pose: Pose, covariance: F64, *, has_north: bool) -> PoseSolution | None:
-    """Return a pose with a covariance (6, 6) as vision reports it; None if it is none."""
+    """Return the message of a pose; None: its covariance is not finite or not positive.
+
+    Args:
+        pose: its information is not read.
+        covariance: of (dt, w), (6, 6), m and rad.
+        has_north: whether the heading is known; else the message has no north and no sigma of yaw.
+    """
     turn = covariance[3:, 3:]
     variance_yaw = float(pose.normal @ turn @ pose.normal)
     variance_tilt = 0.5 * (float(np.trace(turn)) - variance_yaw)
@@ -93,13 +103,19 @@ def solution_of(pose: Pose, covariance: F64, *, has_north: bool) -> PoseSolution
 
 
 def rotation_2d(angle: float) -> F64:
-    """Return the rotation (2, 2) from north to east by an angle, rad; its columns are axes."""
+    """Return the matrix (2, 2) that turns (north, east) by an angle, rad, from north to east.
+
+    Its columns are the turned axes.
+    """
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s], [s, c]])
 
 
 def turned_about_normal(R: F64, angle: float) -> F64:
-    """Return a frame (3, 3) turned clockwise about its z axis by an angle, rad."""
+    """Return a marker's or pad's rotation (3, 3) after a turn about its normal by an angle, rad.
+
+    Positive angles turn north to east: clockwise as seen from above.
+    """
     about = np.eye(3)
     about[:2, :2] = rotation_2d(angle)
     turned: F64 = R @ about
@@ -107,15 +123,18 @@ def turned_about_normal(R: F64, angle: float) -> F64:
 
 
 def wrapped(angles: NDArray[np.floating]) -> F64:
-    """Return angles (n,), rad, from -pi to pi."""
+    """Return angles (n,), rad, wrapped to -pi to pi."""
     turned: F64 = np.mod(angles + math.pi, 2.0 * math.pi) - math.pi
     return turned
 
 
 def rotation_from(normal: F64, north: F64 | None = None) -> F64:
-    """Return the rotation (3, 3) of a plane with this unit normal.
+    """Return the rotation (3, 3) of a plane: its columns are north, east and normal.
 
-    North need not lie in it, but not along the normal; None: it does not matter which way it is.
+    Args:
+        normal: unit vector (3,) into the plane.
+        north: vector (3,) whose part in the plane is the north; it must not be along the normal.
+            None: any north will do.
     """
     if north is None:
         north = np.eye(3)[int(np.argmin(np.abs(normal)))]
@@ -129,12 +148,20 @@ def rotation_from(normal: F64, north: F64 | None = None) -> F64:
 
 
 def normal_of(axes: F64) -> F64:
-    """Return the unit normal (3,) of a plane with axes (3, 2): numpy's own takes twenty times."""
+    """Return the unit normal (3,) of a plane with axes (3, 2), north and east.
+
+    numpy's own vector product takes twenty times as long.
+    """
     return np.array(cross(*map(vec3, axes.T)))
 
 
 def gravity_cost(normal: F64, down: Vec3 | None) -> float:
-    """Return the chi-square of a pad's normal's angle to gravity; zero where that is not known."""
+    """Return the chi-square, bounded, of the angle between a pad's normal and gravity.
+
+    Args:
+        normal: unit vector (3,) into the pad.
+        down: unit vector of gravity in the same frame; None: unknown, the chi-square is 0.
+    """
     if down is None:
         return 0.0
     angle = angle_between(vec3(normal), down)
@@ -142,7 +169,7 @@ def gravity_cost(normal: F64, down: Vec3 | None) -> float:
 
 
 def px_per_m(camera: CameraModel, t: F64, normal: F64) -> float:
-    """Return how large a metre of a plane is in the picture where it is seen shortest.
+    """Return the pixels per metre of a plane in the direction in which it is foreshortened most.
 
     Args:
         camera: the lens.
@@ -154,7 +181,7 @@ def px_per_m(camera: CameraModel, t: F64, normal: F64) -> float:
 
 
 def circle(radius: float, count: int = 16) -> F64:
-    """Return evenly spaced points (count, 2) on a circle about the origin."""
+    """Return evenly spaced points (count, 2) on a circle about the origin, in its radius' unit."""
     return radius * _unit_circle(count)
 
 
@@ -170,11 +197,11 @@ def skew(v: F64) -> F64:
 
 
 def vec3(v: F64) -> Vec3:
-    """Return a 3-vector as plain floats."""
+    """Return a vector (3,) as plain floats."""
     x, y, z = v.tolist()
     return x, y, z
 
 
 def mat3(m: F64) -> Mat3:
-    """Return a 3x3 matrix as plain floats."""
+    """Return a matrix (3, 3) as plain floats."""
     return (vec3(m[0]), vec3(m[1]), vec3(m[2]))

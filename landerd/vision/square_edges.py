@@ -1,4 +1,4 @@
-"""The edges between the cells of a square marker."""
+"""The edges between black and white cells of a square marker, for `square_fit`, `square_beside`."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,11 +7,11 @@ from landerd.vision.print_edges import Lines, PrintEdges
 
 
 def square_edges(cells: NDArray[np.bool_], size: float) -> PrintEdges:
-    """Return the edges of a print's cells.
+    """Return the edges of a printed square, for a fit of its pose to them.
 
     Args:
-        cells: of the print (n, n): True is white, top row first, border included.
-        size: outer edge of its border, m.
+        cells: of the print, its black border included, (n, n): True is white, the top row first.
+        size: side of the square, border included, m.
     """
     n = len(cells)
     cell = size / n
@@ -33,6 +33,7 @@ def square_edges(cells: NDArray[np.bool_], size: float) -> PrintEdges:
     lines = Lines(place, np.concatenate(ways), np.zeros(len(place)))
     is_code = np.abs(lines.place).max(axis=1) < 0.5 * size - 0.75 * cell
     without = lines.of(is_code & ~is_edge)
-    # Within the print, where other codes have steps, or the same with white for black.
+    # Within the border other codes have edges where this one has none, or the same edge with black
+    # and white exchanged.
     foreign = lines.of(is_code & is_edge).turned().and_those(without, without.turned())
     return PrintEdges(lines.of(is_edge), is_code[is_edge], foreign, cell, size)

@@ -1,4 +1,8 @@
-"""Pose of a square marker from its corners, both solutions of the planar ambiguity."""
+"""Pose of a square marker from its four corners: both solutions of the planar ambiguity.
+
+`square_fit` starts from these poses. The information that corners hold, and the derivative of rays
+by a pose, serve other modules of vision as well.
+"""
 
 import cv2
 import numpy as np
@@ -7,8 +11,8 @@ from landerd.camera_model import F64, CameraModel
 from landerd.vision.linear import solved
 from landerd.vision.pose import Pose
 
-_MAX_STEPS = 8
-_BEFORE = np.array([3, 0, 1, 2])  # of four corners, of each the one before
+_MAX_STEPS = 8  # of Gauss-Newton
+_BEFORE = np.array([3, 0, 1, 2])  # index of the corner before each of the four
 
 
 def square_points(size: float) -> F64:
@@ -18,16 +22,17 @@ def square_points(size: float) -> F64:
 
 
 def shortest_side(corners: F64) -> float:
-    """Return the shortest side of a quadrilateral by its corners (4, 2), in their unit."""
+    """Return the length of a quadrilateral's shortest side, in the unit of its corners (4, 2)."""
     return float(np.sqrt(((corners - corners[_BEFORE]) ** 2).sum(axis=1)).min())
 
 
 def poses_from_corners(
     corners: F64, size: float, camera: CameraModel, sigma_px: float
 ) -> list[Pose]:
-    """Return the one or two poses of a square that explain its corners, best first.
+    """Return the poses of a square, camera frame, that explain its corners, best first.
 
-    Both solutions of the planar ambiguity, refined by least squares on the corners.
+    These are both solutions of the planar ambiguity, refined by least squares on the corners;
+    solutions behind the lens or without convergence are left out.
 
     Args:
         corners: (4, 2) pixels, top left first, clockwise as printed.
@@ -47,10 +52,15 @@ def poses_from_corners(
 
 
 def planar_poses(rays: F64, size: float) -> list[tuple[Pose, float]]:
-    """Return both solutions of the planar ambiguity, better first, without information.
+    """Return both solutions of the planar ambiguity with their errors, better first.
 
-    Collins and Bartoli, "Infinitesimal Plane-Based Pose Estimation", 2014. Beside each stands its
-    root-mean-square distance from the corners' rays (4, 2) on z = 1.
+    Collins and Bartoli, "Infinitesimal Plane-Based Pose Estimation", 2014. The error is the
+    root-mean-square reprojection error on z = 1. The poses have no information; solutions behind
+    the lens are left out.
+
+    Args:
+        rays: of the corners on z = 1, (4, 2), top left first, clockwise as printed.
+        size: edge of the square, m.
     """
     points = square_points(size)
     count, rvecs, tvecs, errors = cv2.solvePnPGeneric(
@@ -70,19 +80,31 @@ def planar_poses(rays: F64, size: float) -> list[tuple[Pose, float]]:
 
 
 def corner_information(pose: Pose, size: float, sigma: float) -> F64:
-    """Return the information (6, 6) that four corners of a square give, sigma of rays each."""
+    """Return the information (6, 6) on a square's pose that its four corners hold.
+
+    Args:
+        pose: of the square, camera frame.
+        size: edge of the square, m.
+        sigma: of each coordinate of a corner's ray on z = 1.
+    """
     J = ray_derivative(square_points(size), pose)
     information: F64 = J.T @ J / sigma**2
     return information
 
 
 def ray_derivative(points: F64, pose: Pose) -> F64:
-    """Return the derivative (2n, 6) of points' (n, 2) rays on z = 1 by the pose's (dt, w)."""
+    """Return the derivative (2n, 6), by the pose's (dt, w), of the points' rays on z = 1.
+
+    The points (n, 2) are given on the marker's axes (north, east; m).
+    """
     return _residual(np.zeros_like(points), points, pose)[1]
 
 
 def _refined(rays: F64, points: F64, pose: Pose, sigma: float) -> Pose | None:
-    """Refine a pose on corner rays (n, 2) of points (n, 2); None if it does not converge."""
+    """Return the pose fitted to rays (n, 2) of points (n, 2), m; None: the fit fails.
+
+    `sigma` is that of each coordinate of a ray on z = 1.
+    """
     for _ in range(_MAX_STEPS):
         residual, J = _residual(rays, points, pose)
         information = J.T @ J
@@ -100,7 +122,7 @@ def _refined(rays: F64, points: F64, pose: Pose, sigma: float) -> Pose | None:
 
 
 def _residual(rays: F64, points: F64, pose: Pose) -> tuple[F64, F64]:
-    """Return rays less their prediction (2n,) and the derivative of the prediction (2n, 6)."""
+    """Return the residuals of rays (2n,) and the derivative of their prediction (2n, 6)."""
     arms = points @ pose.R[:, :2].T
     p = arms + pose.t
     inverse_z = 1.0 / p[:, 2]
@@ -109,8 +131,8 @@ def _residual(rays: F64, points: F64, pose: Pose) -> tuple[F64, F64]:
     J = np.zeros((n, 2, 6))
     J[:, 0, 0] = J[:, 1, 1] = inverse_z
     J[:, 0, 2], J[:, 1, 2] = -x * inverse_z, -y * inverse_z
-    # A turn w moves a point by w x arm: its derivative along g is arm x g. Written out: numpy's
-    # own cross product takes ten times as long.
+    # A turn w moves a point by w x arm, so that the derivative along a vector g is arm x g. This is
+    # written out, as numpy's own cross product takes ten times as long.
     a, b, c = arms.T * inverse_z
     J[:, 0, 3], J[:, 0, 4], J[:, 0, 5] = -b * x, c + a * x, -b
     J[:, 1, 3], J[:, 1, 4], J[:, 1, 5] = -b * y - c, a * y, a

@@ -1,8 +1,11 @@
 """The tone curve of a camera between a print's black and white.
 
-Cameras made for people bend grey levels: white paper beside black ink lights up the pixels between
-them. The curve is a cubic that keeps both ends; its two numbers cover gammas to 2.4 and the
-S-curves that are laid over them.
+Most cameras make pictures for people, so that grey levels are not proportional to light: pixels on
+the edge between white paper and black ink become brighter than their mean. The curve is a cubic
+that leaves black and white in place. Its two parameters cover gammas up to 2.4 and the S-curves
+that cameras apply on top of them.
+
+`print_fit` and `ring_response` fit the curve together with a pose.
 """
 
 import math
@@ -15,19 +18,25 @@ from landerd.camera_model import F64
 
 Real = TypeVar("Real", np.float32, np.float64)
 
-TONES = 2  # numbers of a curve: how much it bulges, and how much it is S-shaped
-LINEAR = np.zeros(TONES)
-TONE_SIGMA = 0.6  # of both, before anything is seen
-MAX_TONE = 1.2  # of either
-_MIN_SLOPE = 0.03  # a curve rises everywhere
+TONES = 2  # number of a curve's parameters: how much it bulges, and how much it is S-shaped
+LINEAR = np.zeros(TONES)  # parameters of a linear camera
+TONE_SIGMA = 0.6  # of either parameter, before any picture
+MAX_TONE = 1.2  # largest absolute value of either parameter
+_MIN_SLOPE = 0.03  # least slope of a curve: it must rise everywhere
 
 
 def toned(
     value: NDArray[Real], tone: NDArray[Real]
 ) -> tuple[NDArray[Real], NDArray[Real], NDArray[Real]]:
-    """Return curves at values (..., n), 0 black and 1 white, their slopes, and the derivatives.
+    """Apply tone curves.
 
-    Tones are (..., 2), derivatives by them (..., 2, n).
+    Args:
+        value: 0 is black and 1 white, (..., n).
+        tone: parameters of the curves, (..., 2).
+
+    Returns:
+        the curves at the values (..., n), their slopes there (..., n), and their derivatives by the
+        parameters (..., 2, n).
     """
     bulge, bend = tone[..., :1], tone[..., 1:]
     product = value * (1.0 - value)
@@ -40,10 +49,15 @@ def toned(
 
 
 def bounded(tone: F64) -> F64:
-    """Return the nearest tone that is a camera's."""
+    """Return the parameters (2,) limited to those that cameras have."""
     return np.clip(tone, -MAX_TONE, MAX_TONE)
 
 
 def edge_shift(tone: F64, blur: float) -> float:
-    """Return by how much a curve moves an edge with a blur (variance), in its root's unit."""
+    """Return by how much a tone curve shifts a blurred edge into the black.
+
+    Args:
+        tone: parameters of the curve, (2,).
+        blur: variance of the edge's blur; the shift is in the unit of its root.
+    """
     return float(tone[0]) * math.sqrt(blur / math.pi)  # the integral of Phi (1 - Phi)

@@ -1,4 +1,8 @@
-"""The edges of a WhyCode: its outline, and the teeth that tell its number."""
+"""The edges of a WhyCode for `print_edges`: its outline, and those of the teeth that are its code.
+
+A WhyCode is a black ring whose inner side has teeth. Round the ring each bit takes two slots, of
+which one is a tooth and the other a gap.
+"""
 
 import math
 
@@ -10,24 +14,25 @@ from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, WhyCode
 from landerd.vision.print_edges import Lines, PrintEdges
 from landerd.vision.whycode_print import bits_of
 
-_OUTLINE_PLACES = 32
-_CELL = 0.2  # outer radii: half a tooth of six bits is as wide, the stroke twice as wide
+_OUTLINE_PLACES = 32  # lines across the outline
+# Width of a cell, in outer radii: half a tooth of six bits is as wide, the stroke twice as wide.
+_CELL = 0.2
 
 
 def whycode_edges(code: WhyCode) -> PrintEdges:
-    """Return the edges of a code's print."""
+    """Return the edges of a printed WhyCode, for a fit of its pose to them."""
     radius = code.radius_m
     tooth_angle = math.pi / code.bits
     a = (np.arange(_OUTLINE_PLACES) + 0.5) * (2.0 * math.pi / _OUTLINE_PLACES)
     outline = Lines(radius * _direction(a), _direction(a), np.full(len(a), -1.0 / radius))
     slot = np.arange(2 * code.bits)
     is_tooth = slot % 2 == bits_of(code)[slot // 2]
-    # Where teeth end, towards the middle, and where the stroke does between them.
+    # The inner ends of the teeth, and the inner edge of the stroke in the gaps between them.
     middle = _direction((slot + 0.5) * tooth_angle)
     core, band = WHYCODE_CORE * radius, WHYCODE_BAND * radius
     tips = Lines(core * middle, -middle, np.full(len(slot), 1.0 / core))
     gaps = Lines(band * middle, -middle, np.full(len(slot), 1.0 / band))
-    # Their sides, anticlockwise.
+    # The sides between slots, anticlockwise: white lies on that of the gap.
     side = _direction(slot * tooth_angle)
     onwards = _direction(slot * tooth_angle + 0.5 * math.pi)
     before = np.roll(is_tooth, 1)

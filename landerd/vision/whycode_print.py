@@ -1,4 +1,4 @@
-"""The print of a WhyCode, to be fitted to its pixels as a square marker's is."""
+"""The print of a WhyCode, which `print_fit` fits to pixels; `whycode` uses it."""
 
 import math
 from functools import cache
@@ -10,18 +10,20 @@ from landerd.camera_model import F64
 from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, WhyCode
 from landerd.vision.print_fit import MarkerPrint
 
-_SAMPLES_PER_RADIUS = 48  # samples of the print
-_OVERSAMPLING = 8  # points in a sample along each axis
+_SAMPLES_PER_RADIUS = 48  # samples of the print per outer radius
+_OVERSAMPLING = 8  # points along each axis of which a sample is the mean
 _MARGIN_SAMPLES = 16  # samples of white round the print
-_OUTER_REACH = 1.12  # outer radii within which print and image are compared,
-_INNER_REACH = 0.26  # and without which: another marker may stand in the white core
+# Print and image are compared between two distances from the centre, in outer radii. The white core
+# is left out, as another marker may stand there.
+_OUTER_REACH = 1.12
+_INNER_REACH = 0.26
 
 
 class WhyCodePrint(MarkerPrint):
     """The print of one WhyCode, ready to be compared with images."""
 
     def __init__(self, code: WhyCode) -> None:
-        """Draw the print."""
+        """Draw the print of a code."""
         self._radius = code.radius_m
         super().__init__(
             _drawn(code),
@@ -37,19 +39,19 @@ class WhyCodePrint(MarkerPrint):
 
 
 def bits_of(code: WhyCode) -> NDArray[np.intp]:
-    """Return the bits of a code's number (bits,), the highest first, as they stand in its band."""
+    """Return the bits (bits,) of a code's id, the highest first, in their order round its band."""
     return np.array([code.id >> i & 1 for i in reversed(range(code.bits))], dtype=np.intp)
 
 
 @cache
 def _drawn(code: WhyCode) -> F64:
-    """Return the print (n, n), its top up, 1 white and 0 black; edges are grey in proportion."""
+    """Return the print (n, n), the top row first: 1 white, 0 black, and between at edges."""
     half = _SAMPLES_PER_RADIUS + _MARGIN_SAMPLES
     points = np.arange(2 * half * _OVERSAMPLING) + 0.5
     p = points / (_OVERSAMPLING * _SAMPLES_PER_RADIUS) - half / _SAMPLES_PER_RADIUS
     east, north = np.meshgrid(p, -p)
     rho = np.hypot(north, east)
-    # Anticlockwise from the east, in half cells.
+    # Angle anticlockwise from the east, in slots: each bit has two.
     at = (np.arctan2(north, east) * (code.bits / math.pi)) % (2 * code.bits)
     slot = np.floor(at).astype(np.intp) % (2 * code.bits)
     tooth = slot % 2 == bits_of(code)[slot // 2]
