@@ -1,9 +1,12 @@
-"""How sure a ring's fit is where what the model leaves out is alike from pixel to pixel.
+"""Covariance of a ring's fit if the residuals of neighbouring pixels are correlated.
 
-Least squares take residuals for independent. Glare, a soft shadow or dirt lift or lower the grey of
-a whole side, and such errors do not average out. Summed over sectors round the ring, what each
-would move the fit by is independent again from sector to sector: the clustered ("sandwich")
-covariance of Liang and Zeger, Biometrika 1986.
+Least squares assume independent residuals. But glare, a soft shadow or dirt make a whole side of
+the ring brighter or darker, and such errors do not average out. The residuals' effects on the fit
+are therefore summed over sectors round the ring, and the sums are taken to be independent: the
+clustered ("sandwich") covariance of Liang and Zeger, Biometrika 1986.
+
+`ring_fit` gives its fits this covariance; `frontal_inflation` also serves the fit to edges
+(`ring_explained`) and the modelled sight of the simulation.
 """
 
 import math
@@ -18,13 +21,16 @@ from landerd.vision.linear import eigen
 from landerd.vision.ring_model import CENTRE, RATIO, TILT
 from landerd.vision.ring_pixels import sectors
 
-_SECTORS = 12  # with 24 a glare spot covers several, with fewer five numbers could not be told
-_FITTED = 5  # numbers that the sectors' own pulls were used for
-_POSE = slice(CENTRE.start, TILT.stop)
-# A tilt so many sigmas from the line of sight is no frontal view: with this the stated sigmas of
-# nearly frontal views are as large as their errors.
+# Number of sectors: of 24 a spot of glare covers several, and fewer would not determine five
+# parameters.
+_SECTORS = 12
+_FITTED = 5  # degrees of freedom that the fit takes from the sectors: centre and tilt
+_POSE = slice(CENTRE.start, TILT.stop)  # centre and tilt in the order of `RingModel`
+# Angle between normal and line of sight, in sigmas, from about which on a view is not frontal; with
+# this value the stated sigmas of nearly frontal views are as large as their errors.
 _DISTINCT_TILT_SIGMAS = 7.0
-# Of the path that the image moved during the exposure: what of it no straight even motion explains.
+# Error that motion during the exposure leaves, over the path of the image: no motion is exactly
+# straight and even.
 _PATH_BIAS = 0.001
 
 
@@ -40,13 +46,17 @@ def pose_uncertainty(
     """Return the covariance of a fit's position (3, 3), camera frame, m^2, and sigma of tilt, rad.
 
     Args:
-        C: (rows, rows), inverse of the information times noise^2, in `RingModel`'s order.
-        scale: of the variance, from the residuals.
-        plane: centre (3,), m, and the axes (3, 3) of the ring's plane, a row each.
-        derivative: (rows - 1, n), of grey levels: the ratio, which the fit held, is left out.
-        weighted: (n,), residuals times their weights.
-        rays: (2, n), of the pixels, z = 1.
-        shift: what else adds to that of the position: an unexplained shift of both edges, motion.
+        C: inverse of the matrix of the normal equations, (rows, rows), in `RingModel`'s order; the
+            covariance of all parameters is `scale` times it.
+        scale: variance of one residual, grey levels^2.
+        plane: centre (3,) of the ring, camera frame, m, and the axes (3, 3) of its plane, one in
+            each row.
+        derivative: of grey levels by all parameters but the ratio, which the fit held fixed,
+            (rows - 1, n).
+        weighted: residuals times their weights, (n,).
+        rays: of the pixels on z = 1, (2, n).
+        shift: returns what to add to the covariance of the position, (3, 3), m^2, for an
+            unexplained shift of both edges and for motion.
     """
     t, axes = plane
     gain = C[_POSE, 1:] - np.outer(C[_POSE, RATIO], C[RATIO, 1:] / C[RATIO, RATIO])
@@ -63,13 +73,16 @@ def pose_uncertainty(
 def clustered_covariance(
     independent: F64, gain: F64, scores: NDArray[np.floating], directions: NDArray[np.floating]
 ) -> F64:
-    """Return the covariance (5, 5) of centre and tilt, nowhere less than for independent errors.
+    """Return the clustered covariance (5, 5) of centre and tilt, m and rad.
+
+    In no direction is it smaller than for independent residuals.
 
     Args:
-        independent: (5, 5), as residuals without correlation give it.
-        gain: (5, rows), of centre and tilt by the normal equations' right side.
-        scores: (rows, n), what each pixel adds to that right side.
-        directions: (2, n), from the ring's centre to the pixels.
+        independent: covariance for independent residuals, (5, 5).
+        gain: derivative of centre and tilt by the right-hand side of the normal equations,
+            (5, rows).
+        scores: contribution of each pixel to that right-hand side, (rows, n).
+        directions: from the ring's centre to the pixels in the image, (2, n).
     """
     is_in = sectors(directions[0], directions[1], _SECTORS)[:, None] == np.arange(_SECTORS)
     used = int(is_in.any(axis=0).sum())
@@ -79,11 +92,12 @@ def clustered_covariance(
     if not variances.min() > 0.0:
         return independent
     sigmas = np.sqrt(variances)
-    unit = sigmas[:, None] * sigmas  # metres and radians are of different size
+    unit = sigmas[:, None] * sigmas  # of metres and radians, which differ in size
     values, axes = eigen(independent / unit)
     if not values.min() > 0.0:
         return independent
-    # Of errors of one sigma each along the axes, and what clusters make of them.
+    # On axes on which independent residuals give unit variances, the clustered variances are raised
+    # to 1 where they are smaller.
     scale = np.sqrt(values)
     to_one = (axes / scale).T
     grown, ways = eigen(to_one @ (clustered / unit) @ to_one.T)
@@ -95,16 +109,17 @@ def clustered_covariance(
 def shift_covariance(position: F64, ratio: float, off: float, sigma: float) -> F64:
     """Return what an unexplained shift of both edges adds to a position's covariance (3, 3), m^2.
 
-    A mild tone curve, denoising or another blur than the model's moves both edges into the black,
-    or out of it. The ratio as the pixels have it is off by that, and so is the range: of the radii
-    R and k R, weighted by their length, one less and one more by d make a least squares scale that
-    is d / R (1 - k^2) / (1 + k^3) off, and a ratio that is d / R (1 + k) off.
+    A mild tone curve, denoising or another blur than the model's shifts both edges into the black,
+    or out of it. Then the ratio of the radii that the pixels show is wrong, and so is the range. If
+    the radii R and k R change by d, one inwards and one outwards, a least squares fit to both,
+    weighted by their length, has a scale that is wrong by d / R (1 - k^2) / (1 + k^3), and the
+    ratio is wrong by d / R (1 + k).
 
     Args:
         position: of the ring's centre, camera frame, m, (3,).
-        ratio: the ring's true one, k.
-        off: by which the pixels' ratio differs.
-        sigma: of that; so much of it is noise.
+        ratio: inner over outer radius of the true ring, k.
+        off: error of the ratio that the pixels show.
+        sigma: of that error if only noise causes it.
     """
     share = (1.0 - ratio) / (1.0 + ratio**3)
     return np.outer(position, position) * (share * share * max(0.0, off * off - sigma * sigma))
@@ -116,7 +131,7 @@ def motion_covariance(position: F64, radius: float, path: float) -> F64:
     Args:
         position: of the ring's centre, camera frame, m, (3,).
         radius: of the ring, m.
-        path: of the image, rad.
+        path: of the ring's image during the exposure, rad.
     """
     off = _PATH_BIAS * path
     distance = float(np.linalg.norm(position))
@@ -125,11 +140,15 @@ def motion_covariance(position: F64, radius: float, path: float) -> F64:
 
 
 def frontal_inflation(covariance: F64, sight: F64) -> F64:
-    """Return what is to be added to a covariance (5, 5) of centre and tilt near frontal view.
+    """Return what to add to a covariance (5, 5) of centre and tilt near frontal view.
 
-    There the image changes with the square of the angle to the line of sight (unit vector, on the
-    plane's axes). If the true angle is zero, the error of the one that is found is twice what a
-    linear model at that angle says.
+    There the image changes with the square of the angle between normal and line of sight. If the
+    true angle is zero, the error of the angle found is twice what a model linearised at that angle
+    says.
+
+    Args:
+        covariance: of centre and tilt on the plane's axes, m and rad.
+        sight: unit vector (3,) along the line of sight, on the plane's axes.
     """
     angle = math.hypot(sight[0], sight[1])
     way = np.zeros(5)

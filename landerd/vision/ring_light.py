@@ -1,4 +1,7 @@
-"""A shadow's edge across a ring: find it in the white, and undo it."""
+"""Finds a straight edge of a shadow across a ring, and removes it from the pixels to be fitted.
+
+`ring_fit_stages.hard_fits` tries a fit to such pixels where the plain one is poor.
+"""
 
 from dataclasses import dataclass
 
@@ -11,46 +14,61 @@ from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import Pixels, PlaneView, blurred_step, plane_axes
 
-_CLEAR_PX = 0.7  # beyond the blur: pixels that are all white or all black
-_MIN_WHITE = 16  # pixels
+_CLEAR_PX = 0.7  # a pixel is all white if it is farther than this plus the blur from an edge, px
+_MIN_WHITE = 16  # least number of white pixels
 _LEVEL_PERCENTILES = (4, 96)  # percentiles of the white from which its two levels are looked for
-_LEVEL_ROUNDS = 5
-_MIN_SHARE = 0.03  # of the white on either side of the edge
-_MAX_LIGHT = 0.88  # light in the shadow over light beside it: above, it is no shadow
-_MIN_PARTED = 0.9  # share of the white that one straight line parts into bright and dim
+_LEVEL_ROUNDS = 5  # rounds of looking for the two levels
+_MIN_SHARE = 0.03  # least share of the white on either side of the edge
+_MAX_LIGHT = 0.88  # largest light in a shadow over that beside it
+_MIN_PARTED = 0.9  # least share of the white that is on the right side of the straight edge
 _PROBIT = 1.0 / 1.7  # from the logistic function's argument to that of the normal distribution's
-_SOFT_ROUNDS = 6
-_LINE_DAMPING = 0.1
-# An edge whose penumbra (sigma) is not so many blurs wide, and this, is a sharp one:
+_SOFT_ROUNDS = 6  # Gauss-Newton steps on levels and edge
+_LINE_DAMPING = 0.1  # damping of the steps of the edge's line, as information on each parameter
+# An edge is sharp if the sigma of its penumbra is below the first times the blur plus the second,
+# px. Pixels within the third of a sharp edge, px, are left out.
 _SOFT_BLURS, _SOFT_PX = 2.0, 0.7
-_PENUMBRA_PX = 2.5  # from it to either side pixels are left out
-_MAX_MOVED_PX = 0.3  # first order is not enough for more
-_MIN_COUNT = 30  # pixels that are left: a fit has 12 to 14 parameters
+_PENUMBRA_PX = 2.5
+_MAX_MOVED_PX = 0.3  # pixels that must be moved by more, px, are left out: the model is first-order
+_MIN_COUNT = 30  # least number of pixels left: a fit has 12 to 14 parameters
 
 
 @dataclass(frozen=True)
 class _Shadow:
-    """Light that falls from high to low across a straight edge: its features' line in sigmas."""
+    """A shadow with a straight edge, across which light changes like a blurred step.
 
-    low: float
-    high: float
-    line: F64  # (3,): negative in the shadow; the slope tells how soft the edge is
+    Features of a pixel are (1, x, y): the distance of its ray from the centre's, in radii of
+    the ring at the centre's depth.
+    """
+
+    low: float  # grey level of white in the shadow
+    high: float  # grey level of white beside it
+    # Weights (3,) of the features. The weighted sum is the distance from the edge, in sigmas of the
+    # penumbra, negative in the shadow.
+    line: F64
 
     def light(self, features: F64) -> tuple[F64, F64]:
-        """Return light over that beside the shadow (n,), and its derivative by the line's value."""
+        """Return light over that beside the shadow, and its derivative by the line's value.
+
+        Both are (n,); features are (n, 3).
+        """
         cdf, density = blurred_step((features @ self.line).astype(np.float32))
         fall = 1.0 - self.low / self.high
         return 1.0 - fall * (1.0 - cdf.astype(np.float64)), fall * density.astype(np.float64)
 
 
 def evenly_lit(pixels: Pixels, fit: RingFit, ring: Ring) -> Pixels | None:
-    """Return the pixels as if a straight shadow edge were not there; None if there is none.
+    """Return the pixels as they would be without a shadow's straight edge; None: there is none.
 
-    The white inside and around the ring, as a first fit has it, is split into bright and dim; the
-    line that parts them is the edge, which may be soft. Pixels are divided by the loss of light.
-    Where light changes within the blur they also show the print a little farther towards the light:
-    of light L, print P and a Gaussian of variance v, the image is L times the blurred print at
-    x + v grad(log L), to first order in grad L.
+    The white inside and around the ring is split into bright and dim. The straight line between
+    them is the edge, which may be soft. Grey levels are divided by the share of light that is left.
+    Where light changes within the blur, a pixel also shows the print a little farther towards the
+    light, and its ray is moved there: of light L, a print and a Gaussian blur of variance v, the
+    image at x is L times the blurred print at x + v grad(log L), to first order in grad L.
+
+    Args:
+        pixels: near the ring's edges, with enough white beside them.
+        fit: the first fit of the ring to them, which says what is white.
+        ring: its true size and ratio.
     """
     radius = ring.radius_m
     white = _white(pixels, fit, ring)
@@ -60,7 +78,7 @@ def evenly_lit(pixels: Pixels, fit: RingFit, ring: Ring) -> Pixels | None:
     if levels is None:
         return None
     low, high, bright = levels
-    # In units of the radius, so that the three features are alike in size.
+    # In units of the radius, so that the three features are of similar size.
     k = fit.position[2] / radius
     x, y = (k * (pixels.rays[i] - fit.position[i] / fit.position[2]) for i in (0, 1))
     features = np.stack([np.ones_like(x), x, y], axis=1).astype(np.float64)
@@ -75,7 +93,15 @@ def evenly_lit(pixels: Pixels, fit: RingFit, ring: Ring) -> Pixels | None:
 def _undone(
     pixels: Pixels, shadow: _Shadow, features: F64, k: float, blur_px: float
 ) -> Pixels | None:
-    """Return the pixels without the shadow; k: features' unit, over that of rays."""
+    """Return the pixels without the shadow; None: too few are left.
+
+    Args:
+        pixels: near the ring's edges.
+        shadow: across them.
+        features: of the pixels, (n, 3), see `_Shadow`.
+        k: change of a feature per unit of a ray on z = 1.
+        blur_px: sigma of the ring's blur.
+    """
     light, slope = shadow.light(features)
     per_px = k / pixels.focal * shadow.line[1:]  # of the line's value
     sharpness = float(np.hypot(*per_px))
@@ -87,7 +113,7 @@ def _undone(
         kept &= np.abs(features @ shadow.line) / sharpness > _PENUMBRA_PX
     rays = pixels.rays.copy()
     rays[:2] += (moved / pixels.focal).T.astype(np.float32)
-    # Noise grows as the grey levels do.
+    # Dividing by the light also raises the noise.
     light32 = light.astype(np.float32)
     weight = pixels.weight * light32**2 * kept
     if np.count_nonzero(weight) < _MIN_COUNT:
@@ -96,7 +122,13 @@ def _undone(
 
 
 def _softened(features: F64, grey: F64, shadow: _Shadow) -> _Shadow | None:
-    """Return the shadow whose levels and edge are fitted to the white (n,); None: it fails."""
+    """Return a shadow whose levels and edge are fitted to the white pixels; None: it is none.
+
+    Args:
+        features: of the white pixels, (n, 3), see `_Shadow`.
+        grey: their grey levels, (n,).
+        shadow: to start from.
+    """
     for _ in range(_SOFT_ROUNDS):
         light, slope = shadow.light(features)
         residual = grey - shadow.high * light
@@ -106,7 +138,7 @@ def _softened(features: F64, grey: F64, shadow: _Shadow) -> _Shadow | None:
         noise = max(1.0, SIGMA_PER_MAD * float(np.median(np.abs(residual))))
         weight = 1.0 / (1.0 + (residual / (3.0 * noise)) ** 2) ** 2
         H = (J * weight[:, None]).T @ J
-        # An edge sharper than the pixels' distances leaves the slope open.
+        # Pixels do not determine the slope of an edge that is sharper than their spacing.
         H[2:, 2:] += _LINE_DAMPING * noise**2 * np.eye(3)
         H[:2, :2] += 1e-3 * np.eye(2)
         step = np.linalg.solve(H, J.T @ (weight * residual))
@@ -118,7 +150,7 @@ def _softened(features: F64, grey: F64, shadow: _Shadow) -> _Shadow | None:
 
 
 def _white(pixels: Pixels, fit: RingFit, ring: Ring) -> Mask:
-    """Tell which pixels (n,) are all white."""
+    """Tell which pixels (n,) are all white if the ring lies as fitted."""
     g = PlaneView(pixels.rays, pixels.focal, *plane_axes(fit.position[None], fit.normal[None]))
     radii = (ring.radius_m, ring.radius_m * ring.inner_ratio)
     d_o, d_i = ((g.rho[0] - r) / g.scale[0] for r in radii)
@@ -128,9 +160,9 @@ def _white(pixels: Pixels, fit: RingFit, ring: Ring) -> Mask:
 
 
 def _two_levels(grey: F64) -> tuple[float, float, Mask] | None:
-    """Return the two grey levels about which levels (n,) lie, and which are of the higher one.
+    """Return the two values about which grey levels (n,) lie, the lower first, and which are high.
 
-    None, if there is but one.
+    None: they lie about one value.
     """
     low, high = np.percentile(grey, _LEVEL_PERCENTILES)
     for _ in range(_LEVEL_ROUNDS):
@@ -142,7 +174,10 @@ def _two_levels(grey: F64) -> tuple[float, float, Mask] | None:
 
 
 def _parting_line(features: F64, bright: Mask) -> F64:
-    """Return weights (3,) of a logistic regression: positive where it is bright."""
+    """Return the weights (3,) of features (n, 3) whose sum is positive where it is bright (n,).
+
+    They are those of a logistic regression.
+    """
     weights = np.zeros(3)
     for _ in range(6):
         p = 1.0 / (1.0 + np.exp(-np.clip(features @ weights, -30.0, 30.0)))

@@ -1,10 +1,11 @@
-"""The grey levels of pixels near a ring as its pose, blur and light would have them.
+"""The model of grey levels near a ring that `ring_fit` fits to pixels, and its derivatives.
 
-The model of a pixel: its ray meets the pad's plane at a distance rho from the ring's centre; the
-edges at rho = r_i and r_o are steps between three grey levels, blurred by a Gaussian and, where
-asked for, by straight motion, under light with a linear gradient. Distances are exact in the pad's
-plane, so neither perspective nor lens distortion bends them; two corrections of second order make
-up for measuring them in pixels. Where asked for, the camera's response bends the grey levels.
+Model of a pixel: its ray meets the pad's plane at a distance rho from the ring's centre. The edges
+at rho = r_i and r_o are steps between three grey levels, blurred by a Gaussian and, if asked for,
+by straight motion, under light with a linear gradient. Distances are computed in the pad's plane,
+so that they are exact in spite of perspective and lens distortion; two second-order corrections
+make up for measuring them in pixels. If asked for, grey levels pass through the camera's response
+(`ring_response`).
 """
 
 import math
@@ -19,29 +20,33 @@ from landerd.vision.arrays import F32
 from landerd.vision.ring_pixels import Pixels, PlaneView, blurred_step, shifted
 from landerd.vision.ring_response import HALO_PX, RESPONSES, responded
 
-# Rows of the derivative. The light gradient follows, then the residual.
-RATIO = 0  # inner radius: only the judgement uses it
-CENTRE = slice(1, 4)  # on the plane's axes
-TILT = slice(4, 6)  # of the normal, towards the two tangents
+# Rows of the derivative, one for each parameter. The two of the light's gradient and, last, the
+# residual follow them.
+RATIO = 0  # inner radius, m: fits hold it; it shows whether the pixels agree with the ring's ratio
+CENTRE = slice(1, 4)  # m, on the plane's axes
+TILT = slice(4, 6)  # turn of the normal towards the two tangents, rad
 BLUR = 6  # variance, px^2
-INSIDE = 7  # level
-HEIGHTS = slice(8, 10)  # steps of the level, outwards: at the outer and the inner edge
-# Where one of them is fitted: the path of the image, or the camera's response.
+INSIDE = 7  # grey level inside the ring
+HEIGHTS = slice(8, 10)  # steps of the grey level outwards: at the outer and at the inner edge
+# If one of them is fitted: path of the image, px, or parameters of the camera's response.
 MOTION, RESPONSE = slice(10, 12), slice(10, 10 + RESPONSES)
-_STATIC = 10  # rows before these, or the light gradient
+_STATIC = 10  # number of rows before these, or before the light's gradient
 
-MIN_BLUR_PX = 0.2
-_BLACKEST, _WHITEST = 2.5, 252.5  # grey levels of what is clipped; JPEG moves some
-# Subpixels lie so far from a pixel's centre, along x and y each.
+MIN_BLUR_PX = 0.2  # sigma
+_BLACKEST, _WHITEST = 2.5, 252.5  # grey levels beyond which a pixel is clipped; JPEG changes some
+# Distance of subpixels from a pixel's centre along x and along y, px.
 _SUBPIXEL_PX = 0.4
 _SUBPIXELS = np.array([[[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]]])
-# A motion's path is sampled every so many pixels, within these numbers of samples.
+# Spacing of the samples of a motion's path, px, and limits of their number.
 _PATH_STEP_PX = 1.3
 _MIN_PATH_SAMPLES, _MAX_PATH_SAMPLES = 3.0, 9.0
 
 
 class RingModel:
-    """The grey levels of pixels as a ring would show them, and their derivatives."""
+    """The grey levels that pixels would have under poses of a ring, and their derivatives.
+
+    Several fits (`starts`) are computed side by side.
+    """
 
     def __init__(
         self,
@@ -52,14 +57,14 @@ class RingModel:
         *,
         has_response: bool = False,
     ) -> None:
-        """Prepare; the light gradient is about a first centre.
+        """Prepare for some pixels.
 
         Args:
             pixels: what the model is compared with.
-            centre: of the ring, roughly, camera frame, m, (3,).
+            centre: of the ring, roughly, camera frame, m, (3,); the light's gradient is about it.
             ring: its true size and ratio.
             motion_px: path (2,) of the image during exposure for every start; None: it stood still.
-            has_response: behind a camera's response; not together with motion.
+            has_response: whether the camera's response is fitted; not together with motion.
         """
         self.pixels, self.ring = pixels, ring
         self.is_moving, self.has_response = motion_px is not None, has_response
@@ -74,7 +79,7 @@ class RingModel:
             samples = max(length / _PATH_STEP_PX, _MIN_PATH_SAMPLES)
             parts = int(min(samples, _MAX_PATH_SAMPLES))
             self._along = (np.arange(parts) + 0.5) / parts - 0.5
-        # Of the last derivative, which pixels (starts, n) tell anything; None: all do.
+        # Which pixels (starts, n) were not clipped in the last derivative; None: all count.
         self.is_told: NDArray[np.bool_] | None = None
         self._curvature: tuple[F32, F32] | None = None
         extension = MOTION if self.is_moving else RESPONSE
@@ -82,15 +87,19 @@ class RingModel:
         self.rows = self._static + 3
 
     def derivative(self, t: F32, axes: F32, parameters: F64, supersampled: bool) -> F32:
-        """Return derivatives of grey levels (starts, rows, n), the residual last.
+        """Return the derivatives of the grey levels and, in the last row, the residuals.
 
         Args:
             t: centres (starts, 3), camera frame, m.
             axes: planes' axes (starts, 3, 3) as `PlaneView` takes them.
-            parameters: blur, levels, motion or response, and light gradient (starts, rows - 1),
-                in the rows' order; what stands for ratio and pose is not read.
-            supersampled: small rings bend within the blur. A Gaussian is nearly the mean of four
-                narrower ones set square around it, and for those the edges are straight enough.
+            parameters: blur, levels, motion or response, and gradient of the light
+                (starts, rows - 1), in the order of the rows; those of ratio and pose are not read.
+            supersampled: whether each pixel is the mean of four subpixels. The edges of a small
+                ring are curved within the blur. A Gaussian is nearly the mean of four narrower
+                ones in a square, and within those the edges are straight enough.
+
+        Returns:
+            (starts, rows, n), grey levels per unit of each parameter.
         """
         v, parts, spread = self._sampled(parameters, supersampled)
         g = PlaneView(v, self.pixels.focal, t, axes)
@@ -106,10 +115,10 @@ class RingModel:
         return self._lit(shape, level, parameters)
 
     def _sampled(self, parameters: F64, supersampled: bool) -> tuple[F32, int, float]:
-        """Return the rays looked along, how many a pixel, and how far from its centre, px.
+        """Return the rays of samples, their number per pixel, and what they add to the blur, px.
 
-        The last is what the samples themselves add to the blur; along a motion nothing, for the
-        motion is no part of the blur.
+        The last is the samples' distance from the pixel's centre along x and y. Samples along a
+        motion add nothing, as the motion is no part of the blur.
         """
         if self._along is not None:
             path = parameters[:, MOTION, None] * self._along
@@ -119,10 +128,10 @@ class RingModel:
         return self.pixels.rays, 1, 0.0
 
     def _distances(self, g: PlaneView, supersampled: bool) -> tuple[F32, F32]:
-        """Return distances to outer and inner edge (starts, 2, n), px, and `_blur_shift`.
+        """Return signed distances to outer and inner edge (starts, 2, n), px, and `_blur_shift`.
 
-        Without supersampling the terms of second order are those of the first call: they change
-        little from step to step.
+        Distances are positive outside an edge. Without supersampling the second-order terms are
+        those of the first call: they change little from step to step.
         """
         radii = self._radii[:, None]
         scale = g.scale[:, None]
@@ -139,7 +148,15 @@ class RingModel:
         return d, shift
 
     def _shape(self, g: PlaneView, d: F32, shift: F32, s: F32, parameters: F64) -> F32:
-        """Return the derivatives under even light (starts, rows before the light's, samples)."""
+        """Return the derivatives under even light (starts, rows before the light's, samples).
+
+        Args:
+            g: rays and planes.
+            d: signed distances to the edges, px, (starts, 2, samples).
+            shift: see `_blur_shift`.
+            s: sigma of the blur, px, (starts, 1, 1).
+            parameters: see `derivative`.
+        """
         f, density = blurred_step(d / s + shift * s)
         density *= _heights(parameters) / s
         shape = np.empty((len(parameters), self._static, f.shape[-1]), dtype=np.float32)
@@ -159,11 +176,17 @@ class RingModel:
             share = np.repeat(self._along, len(self.pixels.grey)).astype(np.float32)
             shape[:, MOTION] = (down * outwards * share)[:, None] * g.across()
         if self.has_response:
-            shape[:, RESPONSE] = 0.0  # `_respond` knows
+            shape[:, RESPONSE] = 0.0  # filled in by `_respond`
         return shape
 
     def _lit(self, shape: F32, level: F32, parameters: F64) -> F32:
-        """Return the derivatives with the light's gradient on and beside them, and the residual."""
+        """Return the derivatives under light with a gradient, with those by it and the residual.
+
+        Args:
+            shape: derivatives under even light, (starts, rows before the light's, n).
+            level: grey levels under even light, (starts, n).
+            parameters: see `derivative`.
+        """
         grey = self.pixels.grey
         light = parameters[:, self._static : self._static + 2].astype(np.float32) @ self._xy
         light += 1.0
@@ -179,14 +202,14 @@ class RingModel:
 
 
 def _beyond(grey: F32, residual: F32) -> NDArray[np.bool_]:
-    """Tell which pixels (starts, n) are white, or black, beyond what a picture can hold."""
+    """Tell which pixels (starts, n) are clipped, and should be whiter, or blacker, than that."""
     clipped: NDArray[np.bool_] = (grey > _WHITEST) & (residual < 0.0)
     clipped |= (grey < _BLACKEST) & (residual > 0.0)
     return clipped
 
 
 def _joined(shape: F32, parts: int) -> F32:
-    """Return derivatives of pixels as the mean of their parts' (starts, rows, parts n)."""
+    """Return derivatives of pixels: the means of those of their samples (starts, rows, parts n)."""
     if parts == 1:
         return shape
     mean: F32 = shape.reshape(*shape.shape[:2], parts, -1).mean(axis=2)
@@ -202,7 +225,14 @@ def _level(shape: F32, parameters: F64) -> F32:
 
 
 def _respond(shape: F32, level: F32, softer: F32, parameters: F64) -> F32:
-    """Return grey levels behind the responses; the derivatives `shape` are made so in place."""
+    """Return grey levels after the camera's responses; change the derivatives in place likewise.
+
+    Args:
+        shape: derivatives under even light, (starts, rows before the light's, n); changed.
+        level: grey levels under even light, (starts, n).
+        softer: derivatives of the softer image of `ring_response`, like `shape`; overwritten.
+        parameters: see `RingModel.derivative`.
+    """
     inside, outer, inner = parameters[:, INSIDE : HEIGHTS.stop].astype(np.float32).T[:, :, None]
     response = parameters[:, RESPONSE].astype(np.float32)
     made = responded(
@@ -211,7 +241,7 @@ def _respond(shape: F32, level: F32, softer: F32, parameters: F64) -> F32:
     shape *= made.by_sharp[:, None]
     softer *= made.by_soft[:, None]
     shape += softer
-    shape[:, INSIDE] = 1.0  # all levels together move the curve with them
+    shape[:, INSIDE] = 1.0  # the curve lies between the levels, and moves with all of them
     shape[:, HEIGHTS] += (0.5 * made.by_white)[:, None]
     shape[:, HEIGHTS.start + 1] += made.by_black
     shape[:, RESPONSE] = made.by_response
@@ -219,10 +249,16 @@ def _respond(shape: F32, level: F32, softer: F32, parameters: F64) -> F32:
 
 
 def _heights(parameters: F64) -> F32:
-    """Return the steps of the grey level at outer and inner edge, (starts, 2, 1)."""
+    """Return the steps of the grey level at outer and inner edge, outwards, (starts, 2, 1)."""
     return parameters[:, HEIGHTS].astype(np.float32)[:, :, None]
 
 
 def _blur_shift(area: F32, radii: F32, scale: F32) -> F32:
-    """Return by how much blur shifts bent edges (starts, 2, n), in blurs per pixel of blur."""
+    """Return by how much blur shifts curved edges (starts, 2, n), in sigmas per px of sigma.
+
+    Args:
+        area: of the plane in a pixel, m^2, (starts, n).
+        radii: of the edges, m, (2, 1).
+        scale: metres of the plane per px across the edges, broadcasts to (starts, 2, n).
+    """
     return (0.5 * area * area)[:, None] / (radii * scale**3)

@@ -14,30 +14,41 @@ from landerd.vision.patch import lens_grid
 from landerd.vision.pose import circle
 from landerd.vision.ring_pose import CirclePose, plane_frame
 
-# Across: below, a ring's edges bend within the blur, and that biased oblique far rings.
+# Extent of a ring, px, below which it is supersampled: its edges are curved within the blur, which
+# biased oblique distant rings.
 _SMALL_PX = 36.0
-MARGIN = 0.24  # white around a ring, in radii: the thesis's plate has 0.12 m round its 1 m
-_SURROUNDINGS_SIGMAS = 30.0  # contrast of what lies beyond the margin, in sigmas of the noise
-_MIN_WEIGHT = 0.02  # of a pixel that is worth its time
-_MIN_COUNT = 30  # pixels: a fit has 12 to 14 parameters
-_LEAST_RHO, _LEAST_LENGTH = np.float32(1e-9), np.float32(1e-12)  # added before a division
+# Width of the white around a ring, in its radii: the thesis's plate has 0.12 m round a ring of 1 m.
+MARGIN = 0.24
+# Contrast of what lies beyond the margin, in sigmas of the noise: it is unknown, and weights assume
+# this.
+_SURROUNDINGS_SIGMAS = 30.0
+_MIN_WEIGHT = 0.02  # least weight of a pixel that is worth its time
+_MIN_COUNT = 30  # least number of pixels: a fit has 12 to 14 parameters
+_LEAST_RHO, _LEAST_LENGTH = np.float32(1e-9), np.float32(1e-12)  # added to divisors against zero
 
 
 @dataclass(frozen=True)
 class Pixels:
-    """Grey levels (n,), the rays (x, y, 1) on which they were seen, and weights (n,)."""
+    """The pixels to which a ring is fitted."""
 
-    rays: F32  # (3, n)
-    grey: F32
-    weight: F32
-    supersample: bool  # small ring: its pixels are worth subpixels
-    focal: float  # pixels per ray unit, geometric mean
+    rays: F32  # (x, y, 1), (3, n)
+    grey: F32  # grey levels, (n,)
+    weight: F32  # from 0 to 1, (n,)
+    supersample: bool  # whether the ring is so small that each pixel is modelled by subpixels
+    focal: float  # focal length, px: the geometric mean of both axes
 
 
 def edge_pixels(
     camera: CameraModel, pose: CirclePose, radii: Sequence[float], count: int = 64
 ) -> F64:
-    """Return pixels (radii, count, 2) of circles in the pad's plane."""
+    """Return points (radii, count, 2), px, on circles about a ring's centre in its plane.
+
+    Args:
+        camera: the lens.
+        pose: of the ring.
+        radii: of the circles, m.
+        count: number of points on each.
+    """
     position, normal = pose
     around = circle(1.0, count) @ np.array(plane_frame(normal)[:2])
     points = position + np.array(radii)[:, None, None] * around
@@ -55,16 +66,16 @@ def pixels_near(
     *,
     supersample: bool,
 ) -> Pixels | None:
-    """Return the pixels within a band of both edges of a ring; None if too few are in the image.
+    """Return the pixels near both edges of a ring; None: too few are in the image.
 
     Args:
         image: grey image (height, width).
         camera: the lens.
         pose: of the ring.
         ring: its true size and ratio.
-        band_px: how far from an edge a pixel may be.
-        max_count: about so many pixels at most.
-        supersample: small rings will be fitted with subpixels.
+        band_px: largest distance of a pixel from an edge.
+        max_count: largest number of pixels, about.
+        supersample: whether a small ring is to be fitted with subpixels.
     """
     edges = edge_pixels(camera, pose, _radii(ring))
     size = float((edges[0].max(axis=0) - edges[0].min(axis=0)).max())
@@ -89,10 +100,13 @@ def pixels_near(
 def _weighted(
     v: F32, focal: float, pose: CirclePose, ring: Ring, band_px: float
 ) -> tuple[NDArray[np.intp], F32]:
-    """Return which rays (3, n) meet the plane near a ring's edges, and the weights (n,) of all."""
+    """Return the indices of rays (3, n) that meet the plane near a ring's edges, and all weights.
+
+    The weights are (n,); `band_px` is the largest distance from an edge.
+    """
     g = PlaneView(v, focal, *plane_axes(pose[0][None], pose[1][None]))
     d_o, d_i = ((g.rho[0] - r) / g.scale[0] for r in _radii(ring))
-    # Light from beyond the plate's edge reaches this far in; what is there nobody knows.
+    # Share of a pixel's light that comes from beyond the white margin, where anything may lie.
     beyond, _ = blurred_step((d_o - MARGIN * ring.radius_m / g.scale[0]) / max(0.7, band_px / 3.0))
     weight: F32 = 1.0 / (1.0 + (_SURROUNDINGS_SIGMAS * beyond) ** 2)
     is_near = (d_o < band_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px))
@@ -100,13 +114,14 @@ def _weighted(
 
 
 def _radii(ring: Ring) -> tuple[float, float]:
+    """Return the outer and the inner radius, m."""
     return ring.radius_m, ring.radius_m * ring.inner_ratio
 
 
 def _around(image: U8, camera: CameraModel, edge: F64, band_px: float) -> tuple[F32, U8] | None:
-    """Return rays (3, n) and grey levels of all pixels of the box round an outline (count, 2).
+    """Return rays (3, n) and grey levels (n,) of all pixels of the box round an outline.
 
-    None: they are too few.
+    The outline (count, 2), px, is widened by `band_px`. None: too few are in the image.
     """
     h, w = image.shape
     low = np.maximum(np.floor(edge.min(axis=0) - band_px), 0).astype(int)
@@ -121,9 +136,16 @@ def _around(image: U8, camera: CameraModel, edge: F64, band_px: float) -> tuple[
 def _across(
     image: U8, camera: CameraModel, edges: F64, band_px: float, max_count: int
 ) -> tuple[F32, U8] | None:
-    """Return rays (3, n) and grey levels of pixels on short lines across closed outlines.
+    """Return rays (3, n) and grey levels (n,) of pixels on short lines across closed outlines.
 
-    None: they are too few. The outlines are (outlines, count, 2).
+    None: too few are in the image.
+
+    Args:
+        image: grey image (height, width).
+        camera: the lens.
+        edges: the outlines, px, (outlines, count, 2).
+        band_px: length of a line to either side of its outline.
+        max_count: largest number of pixels, about.
     """
     step = max(1.0, band_px / 4.0)
     offsets = np.arange(-band_px, band_px + 0.5 * step, step)
@@ -145,18 +167,36 @@ def _across(
 
 
 def plane_axes(t: F64, normal: F64) -> tuple[F32, F32]:
-    """Return centres (starts, 3) and plane axes (starts, 3, 3) as `PlaneView` takes them."""
+    """Return centres (starts, 3), m, and plane axes (starts, 3, 3) as `PlaneView` takes them.
+
+    Args:
+        t: centres, camera frame, m, (starts, 3).
+        normal: unit normals, camera frame, (starts, 3).
+    """
     return t.astype(np.float32), np.array([plane_frame(n) for n in normal], dtype=np.float32)
 
 
 class PlaneView:
-    """Rays v = (x, y, 1), (3, n) or (starts, 3, n), against the planes of several poses.
+    """Where rays meet the planes of several poses of a ring, and the derivatives there.
 
-    Arrays are (starts, n). `axes` are the planes' own axes in the camera frame, (starts, 3, 3): two
-    tangents and the normal, a row each.
+    Attributes, (starts, n) unless said otherwise: `m`, the rays' part along the normal; `depth`, of
+    the points where the rays meet the plane, m; `rho`, distance of these points from the ring's
+    centre, m; `u`, (starts, 3, n), the negative derivative of rho by a shift of the centre on the
+    plane's axes; `a`, its third row with the opposite sign; `gradient`, (starts, 2, n), of rho by
+    the rays' x and y, over the depth; `length`, of the gradient; `scale`, metres of the plane per
+    px across the lines of equal rho.
     """
 
     def __init__(self, v: F32, focal: float, t: F32, axes: F32) -> None:
+        """Compute the view.
+
+        Args:
+            v: rays (x, y, 1), (3, n) or (starts, 3, n).
+            focal: focal length, px.
+            t: centres of the ring, camera frame, m, (starts, 3).
+            axes: of the planes in the camera frame, (starts, 3, 3): two tangents and the normal,
+                one in each row.
+        """
         self.v, self.focal, self.axes, self.t = v, focal, axes, t
         along = axes @ v
         self.m = np.maximum(along[:, 2], 1e-6)
@@ -181,16 +221,17 @@ class PlaneView:
         self.scale *= np.float32(1.0 / focal)
 
     def across(self) -> F32:
-        """Return the unit gradient of rho in the image, (starts, 2, n)."""
+        """Return the unit vectors (starts, 2, n) along which rho rises fastest in the image."""
         unit: F32 = self.gradient / self.length[:, None]
         return unit
 
     def curvature(self) -> tuple[F32, F32]:
-        """Return the plane's area in a pixel (m^2) and rho'' / (2 rho') across a level line (1/px).
+        """Return the plane's area in a pixel, m^2, and rho'' / (2 rho'), 1/px.
 
-        With M the metric of the plane in pixels, rho^2 = p^T M p: the root of det M is the area,
-        the line's curvature det M / (rho g^3), and rho'' (w^T M w - g^2) / rho, w the unit
-        gradient.
+        The derivatives are those across a line of equal rho in the image, px. With M the metric of
+        the plane in pixels, rho^2 = p^T M p: the area is the root of det M, the curvature of the
+        line is det M / (rho g^3), and rho'' is (w^T M w - g^2) / rho, with g the `scale` and w the
+        unit gradient.
         """
         across = self.across()
         nw = (self.axes[:, 2:, :2] @ across)[:, 0] / self.m
@@ -201,9 +242,16 @@ class PlaneView:
         return k * k / self.m, excess / (2.0 * self.rho * self.scale)
 
     def foot(self, d: F32, radii: F32) -> tuple[F32, F32]:
-        """Return distances (px) to circles and g (m/px), (starts, 2, n), seen from their edges.
+        """Return the pixels' distances to two circles, and `scale`, by the circles' nearest points.
 
-        `d` are first distances (starts, 2, n) to the circles of two radii (2, 1).
+        These distances are more exact than those measured at the pixels.
+
+        Args:
+            d: signed distances measured at the pixels, px, (starts, 2, n).
+            radii: of the circles, m, (2, 1).
+
+        Returns:
+            signed distances, px, and metres per px, both (starts, 2, n).
         """
         d = np.clip(d, -3.0, 3.0)
         count, _, n = d.shape
@@ -225,14 +273,17 @@ def _length(way: F32) -> F32:
 
 
 def sectors(x: NDArray[np.floating], y: NDArray[np.floating], count: int) -> NDArray[np.intp]:
-    """Return in which of so many sectors round the origin points (n,) lie, from 0."""
+    """Return the sector round the origin in which each point (n,) lies, from 0 to `count` - 1."""
     turns = np.arctan2(y, x) * (count / math.tau)
     sector: NDArray[np.intp] = np.floor(turns).astype(np.intp) % count
     return sector
 
 
 def blurred_step(z: F32) -> tuple[F32, F32]:
-    """Return the normal distribution function (to 3e-4) and the density."""
+    """Return the standard normal distribution function (to 3e-4) and its density.
+
+    That is a step blurred by a Gaussian, `z` sigmas from it, and its derivative.
+    """
     square = z * z
     cdf: F32 = square * np.float32(0.0356774081)
     cdf += np.float32(0.7978845608)
@@ -247,7 +298,7 @@ def blurred_step(z: F32) -> tuple[F32, F32]:
 
 
 def shifted(pixels: Pixels, shift_px: F64) -> F32:
-    """Return the rays (starts, 3, parts n) of pixels moved by (starts, 2, parts) pixels."""
+    """Return the rays (starts, 3, parts * n) of pixels (n,) moved by (starts, 2, parts) px."""
     count, _, parts = shift_px.shape
     v = np.empty((count, 3, parts, pixels.rays.shape[1]), dtype=np.float32)
     v[:] = pixels.rays[:, None]
