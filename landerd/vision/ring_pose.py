@@ -1,9 +1,11 @@
-"""A circle seen by a camera: pose to cone of sight, and cone to its two poses.
+"""The two poses of a circle that explain one ellipse in the image.
 
-A circle of radius R with centre t and unit normal n (camera frame) is seen on the cone
-v^T C v = 0 of rays v = (x, y, 1). A plane cuts that cone in a circle of the same radius in two
-ways, mirrored about the line of sight: two poses explain one ellipse (Chen et al., "Camera
-calibration with two arbitrary coplanar circles", ECCV 2004, section 3).
+The outline of a circle of radius R with centre t and unit normal n (camera frame) is seen along the
+rays v = (x, y, 1) of a cone, v^T C v = 0. A plane cuts that cone in a circle of radius R in two
+ways, mirrored about the line of sight (Chen et al., "Camera calibration with two arbitrary coplanar
+circles", ECCV 2004, section 3).
+
+All searches for and fits of rings start from such poses.
 """
 
 import math
@@ -16,19 +18,23 @@ from landerd.camera_model import F64
 from landerd.geometry import Vec3
 from landerd.vision.linear import eigen
 
-CirclePose = tuple[F64, F64]  # centre (m) and unit normal away from the camera, camera frame
+# Centre (3,), m, and unit normal (3,) that points away from the camera, camera frame.
+CirclePose = tuple[F64, F64]
 
 
 def tangents(normal: F64) -> tuple[F64, F64]:
-    """Return two unit vectors that span the plane of a unit normal."""
+    """Return two unit vectors (3,) that span the plane of a unit normal (3,)."""
     e1, e2, _ = plane_frame(normal)
     return np.array(e1), np.array(e2)
 
 
 def plane_frame(normal: F64) -> tuple[Vec3, Vec3, Vec3]:
-    """Return two unit vectors that span the plane of a unit normal, and that, in plain floats."""
+    """Return two unit vectors that span the plane of a unit normal, and the normal.
+
+    All three are plain floats, and each is perpendicular to the others.
+    """
     x, y, z = normal.tolist()
-    # Started from the axis that lies farther from the normal.
+    # The first tangent is perpendicular to x or y, whichever is farther from the normal.
     if abs(x) < 0.7:
         k = 1.0 / math.hypot(y, z)
         e1 = (0.0, z * k, -y * k)
@@ -39,19 +45,34 @@ def plane_frame(normal: F64) -> tuple[Vec3, Vec3, Vec3]:
 
 
 def cone_of_pose(position: F64, normal: F64, radius: float) -> F64:
-    """Return the cone of sight (3, 3) of a circle."""
+    """Return the cone of rays (3, 3) on which the outline of a circle is seen.
+
+    Args:
+        position: of the circle's centre, camera frame, m, (3,).
+        normal: unit vector (3,).
+        radius: of the circle, m.
+    """
     a = float(normal @ position) * np.eye(3) - np.outer(position, normal)
     cone: F64 = a.T @ a - radius * radius * np.outer(normal, normal)
     return cone
 
 
 def poses_of_cone(cone: F64, radius: float) -> tuple[CirclePose, CirclePose] | None:
-    """Return both poses of a circle on a cone of sight, or None if it is not an elliptic cone."""
+    """Return both poses of a circle seen on a cone (3, 3) of rays; None: the cone is not elliptic.
+
+    `radius` is that of the circle, m.
+    """
     return _poses(*np.linalg.eigh(cone), radius)
 
 
 def _poses(values: F64, vectors: F64, radius: float) -> tuple[CirclePose, CirclePose] | None:
-    """Return the same by the cone's eigenvalues (3,), rising, and its eigenvectors as columns."""
+    """Return `poses_of_cone` from the cone's eigenvalues and eigenvectors.
+
+    Args:
+        values: eigenvalues, ascending, (3,).
+        vectors: unit eigenvectors as columns, (3, 3).
+        radius: of the circle, m.
+    """
     if values[1] < 0.0:  # signature (+, -, -): the same cone with the other sign
         values, vectors = -values[::-1], vectors[:, ::-1]
     low, mid, high = (float(v) for v in values)
@@ -71,8 +92,15 @@ def _poses(values: F64, vectors: F64, radius: float) -> tuple[CirclePose, Circle
 
 
 def mirrored(position: F64, normal: F64, radius: float) -> CirclePose | None:
-    """Return the other pose that shows the same ellipse."""
-    # Their signs tell which pose comes first, which matters where none is known.
+    """Return the other pose of a circle that has the same ellipse; None: there is none.
+
+    Args:
+        position: of the circle's centre, camera frame, m, (3,).
+        normal: unit vector (3,) away from the camera.
+        radius: of the circle, m.
+    """
+    # OpenCV's arbitrary signs of eigenvectors only exchange the two poses, which matters in
+    # `poses_of_cone`, but not here.
     values, vectors = eigen(cone_of_pose(position, normal, radius))
     poses = _poses(values[::-1], vectors[:, ::-1], radius)
     if poses is None:
@@ -81,13 +109,18 @@ def mirrored(position: F64, normal: F64, radius: float) -> CirclePose | None:
 
 
 def poses_through(rays: F64, radius: float) -> tuple[CirclePose, CirclePose] | None:
-    """Return the poses of a circle whose outline has these rays (n, 2), n >= 6; None: none."""
+    """Return both poses of a circle whose outline has some rays; None: no circle has them.
+
+    Args:
+        rays: on z = 1, (n, 2), n >= 6.
+        radius: of the circle, m.
+    """
     cone = cone_through(rays)
     return None if cone is None else poses_of_cone(cone, radius)
 
 
 def cone_through(rays: F64) -> F64 | None:
-    """Return the cone (3, 3) fitted to rays (n, 2) on z = 1, n >= 6; None if degenerate."""
+    """Return the cone (3, 3) fitted to rays (n, 2) on z = 1, n >= 6; None: it is degenerate."""
     centre = rays.mean(axis=0)
     spread = float(np.abs(rays - centre).max())
     if not spread > 0.0:

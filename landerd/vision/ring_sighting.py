@@ -1,4 +1,8 @@
-"""What a ring's fits say, as a message: both poses, with covariances as large as the errors are."""
+"""Turns a ring's fits into the message that vision reports.
+
+The covariances include errors that residuals do not show, so that they are as large as the errors
+are on rendered images. Real vision and the simulation's modelled sight both use it.
+"""
 
 import math
 
@@ -14,30 +18,32 @@ from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import MARGIN, edge_pixels
 from landerd.vision.tone import edge_shift
 
-# Errors that no residual shows, chosen so that the stated 95 % regions of `bench.vision_ring` hold
-# about 95 % of its positions.
-_EDGE_BIAS_PX = 0.004  # what the edge model leaves out, of every edge alike
-_LATERAL_BIAS_PX = 0.003  # and as it differs from side to side
+# Shifts of edges by what the edge model leaves out, and residuals do not show: of all edges alike,
+# and as they differ from side to side. They are chosen so that the stated 95 % regions of
+# `bench.vision_ring` hold about 95 % of its positions.
+_EDGE_BIAS_PX = 0.004
+_LATERAL_BIAS_PX = 0.003
 # What lies beyond the white margin shines into it, the more the narrower the margin is in the
-# image. Measured on exact images of 20 to 30 m at 0 to 70 degrees.
-_SURROUNDINGS_BIAS_PX = 0.18  # of every edge if there were no margin
-_SURROUNDINGS_DECAY_PX = 0.33  # a margin wider by this lets in e times less
-_TONE_BIAS = 0.2  # of what a tone curve moves edges by: no camera's is a cubic
-_MIN_SIGMA_M = 1.5e-5  # nobody prints or measures a pad more truly
-_OUTLINE_POINTS = 32
+# image: shift of all edges without any margin, and width of the margin that reduces it by a factor
+# of e. Measured on exact images of 20 to 30 m at 0 to 70 degrees.
+_SURROUNDINGS_BIAS_PX = 0.18
+_SURROUNDINGS_DECAY_PX = 0.33
+_TONE_BIAS = 0.2  # error of a tone curve's shift of edges, a share of it: no curve is a cubic
+_MIN_SIGMA_M = 1.5e-5  # no pad is printed or measured more exactly than to this sigma
+_OUTLINE_POINTS = 32  # of the outline in the message
 
 
 def ring_sighting(
     fits: list[RingFit], ring: Ring, camera: CameraModel, down: Vec3 | None
 ) -> MarkerSighting:
-    """Return the message of a ring with its one or two fits.
+    """Return the message of a ring that has one or two fits.
 
     Args:
-        fits: at least one.
+        fits: at least one; those much worse than the best are left out.
         ring: its true size.
         camera: the lens.
-        down: unit vector of gravity, camera frame: puts the pose that lies more level first where
-            the image cannot tell them apart.
+        down: unit vector of gravity, camera frame, by which the more level pose comes first if the
+            image does not distinguish them; None: unknown.
     """
     most = min(f.cost for f in fits) + MAX_RING_CHI2_ABOVE_BEST
     likely = [f for f in fits if f.cost <= most]
@@ -56,8 +62,9 @@ def ring_sighting(
 def _solution(
     fit: RingFit, fits: list[RingFit], radius: float, camera: CameraModel
 ) -> PoseSolution:
+    """Return a fit as one of the message's solutions."""
     C = _covariance(fit, radius, camera.focal)
-    # As far as the other pose may be the true one, the error may be the way to it.
+    # If the other pose is the true one, the error is the difference of both positions.
     for other in fits:
         chance = 1.0 / (1.0 + math.exp(min(0.5 * abs(other.cost - fit.cost), 50.0)))
         way = other.position - fit.position
@@ -74,11 +81,11 @@ def _solution(
 
 
 def _covariance(fit: RingFit, radius: float, focal: float) -> F64:
-    """Return a fit's covariance of position (3, 3), m^2, and of errors that no residual shows."""
+    """Return the covariance of a fit's position (3, 3), m^2, with errors residuals do not show."""
     distance = float(np.linalg.norm(fit.position))
     sight = fit.position / distance
-    # An edge error that is common to the whole outline moves the range, one that differs from
-    # side to side the direction.
+    # A shift of the whole outline inwards or outwards changes the range; one that differs from side
+    # to side, the direction.
     bias_px = _EDGE_BIAS_PX + _SURROUNDINGS_BIAS_PX * math.exp(
         -MARGIN * focal * radius / distance * float(fit.normal @ sight) / _SURROUNDINGS_DECAY_PX
     )

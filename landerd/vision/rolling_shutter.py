@@ -1,10 +1,11 @@
-"""How far a rolling shutter may have bent what a picture shows of a marker.
+"""Errors of markers' poses by a rolling shutter, added to their covariances.
 
-Rows are exposed one after another. What moves in the image meanwhile is sheared or stretched by its
-motion during the readout, which no single picture can tell from a tilt and another distance. How
-fast the pad moves in the image is told by the frames before; the error that this may mean is added
-to the covariance of each marker's pose. It is one motion that bends all markers of a picture, and
-shifts those above the landing point the other way than those below.
+Rows are exposed one after another, so that what moves in the image is sheared or stretched by its
+motion during the readout. A single picture cannot distinguish that from a tilt and another
+distance. The rate at which the pad moves in the image is estimated from the frames before, and the
+error that it may cause is added to the covariance of each marker's pose. The same motion distorts
+all markers of a picture, and shifts those above the landing point in the opposite direction to
+those below: `pad_pose` takes these errors as shared (`Pose.shared`).
 """
 
 import math
@@ -19,32 +20,36 @@ from landerd.vision.linear import inverse, solved
 from landerd.vision.pose import Pose, circle, mat3, rotation_from
 from landerd.vision.square_pose import ray_derivative
 
-_KNOWN_FOR_S = 0.5  # so long after two sightings the motion is about what it was between them
-_UNKNOWN_RATE = 0.3  # rad/s, 1 sigma, along x and y: a gimbal that searches, a drone in wind
-# By trial on sheared pictures from 2 to 15 m: of the shear, how much it is as a tilt squared; and
-# of the error's length, what a linear model leaves.
-_FRONTAL, _REST = 0.1, 0.2
-_ALONG = 1e-3  # rad: a step along a circle
-_RATE_SIGMA, _RATE_SHARE = 0.02, 0.3  # of a rate that was seen: vibration, and how it changes
+_KNOWN_FOR_S = 0.5  # a rate between two sightings that are at most so far apart holds so long
+# Sigma of an unknown rate along x and along y, rad/s: a gimbal that searches, a drone in wind.
+_UNKNOWN_RATE = 0.3
+# By trial on sheared pictures from 2 to 15 m, like `_REST`. Information on a tilt for its
+# second-order effect near frontal view, over the shear and the sum of squares of the rays.
+_FRONTAL = 0.1
+_REST = 0.2  # error that the linear model leaves in a shift of position, over the shift's length
+_ALONG = 1e-3  # step along a circle for a difference quotient, rad
+# Sigma of a rate that was measured: rad/s, for vibration, and a share of it, for its change.
+_RATE_SIGMA, _RATE_SHARE = 0.02, 0.3
 
 
 class RollingShutter:
-    """The shutter of one camera and the motion of the pad in its image."""
+    """The rolling shutter of one camera, and the motion of the pad in its image."""
 
     def __init__(self, camera: CameraModel, readout_s: float) -> None:
-        """Prepare.
+        """Prepare for one camera.
 
         Args:
             camera: the lens.
-            readout_s: from the exposure of the first row to that of the last; 0: all at once.
+            readout_s: time from the exposure of the first row to that of the last; 0: all rows are
+                exposed at once, nothing is added.
         """
         self._readout_s = readout_s
-        self._per_ray = camera.fy / camera.height  # rows, as a share of all, along y on z = 1
+        self._per_ray = camera.fy / camera.height  # image heights per unit of a ray's y
         self._last: tuple[float, F64] | None = None
         self._rate: F64 | None = None  # of the pad's image, rad/s, (2,)
 
     def saw(self, t: float, position: F64) -> None:
-        """Take where the pad's landing point (3,) was at a time t, s."""
+        """Learn the position of the pad's landing point, camera frame, m, (3,), at a time t, s."""
         at: F64 = position[:2] / position[2]
         before, self._last = self._last, (t, at)
         past = math.inf if before is None else t - before[0]
@@ -52,13 +57,14 @@ class RollingShutter:
         self._rate = (at - before[1]) / past if known and before is not None else None
 
     def of_pose(self, t: float, pose: Pose, outline: F64, origin: F64) -> Pose:
-        """Return a pose seen at a time t, s, with what the shutter may have done to it.
+        """Return a marker's pose with the errors by the shutter in `information` and `shared`.
 
         Args:
             t: of the picture, s.
             pose: of the marker.
-            outline: points (n, 2) of the marker, m.
-            origin: (3,), camera frame, m; the pose is that as its row is exposed.
+            outline: points of the marker on its own axes (north, east), m, (n, 2).
+            origin: of the pad, camera frame, m, (3,). Poses are those at the time its row is
+                exposed.
         """
         moved = self._moved(t)
         if moved is None:
@@ -75,9 +81,15 @@ class RollingShutter:
     def of_ring(
         self, t: float, ring: Ring, sighting: MarkerSighting
     ) -> tuple[MarkerSighting, tuple[F64, ...]]:
-        """Return a ring seen at a time t, s, with what the shutter may have done to its poses.
+        """Return a ring with the errors of its poses by the shutter, and the shared ones of each.
 
-        And for each of them, in their order, what all markers share of that; see `Pose`.
+        Args:
+            t: of the picture, s.
+            ring: its true size.
+            sighting: of the ring.
+
+        Returns:
+            the sighting with larger covariances; `Pose.shared` (6, k) for each of its solutions.
         """
         moved = self._moved(t)
         if moved is None:
@@ -87,6 +99,7 @@ class RollingShutter:
         return replace(sighting, solutions=solutions), shared
 
     def _of_solution(self, s: PoseSolution, ring: Ring, moved: F64) -> tuple[PoseSolution, F64]:
+        """Return a solution with larger covariances, and its `Pose.shared`, for motions (2, k)."""
         normal = np.array(s.normal)
         pose = Pose(rotation_from(normal), np.array(s.position), np.zeros((6, 6)), 0.0)
         inner = circle(ring.inner_ratio * ring.radius_m)
@@ -98,9 +111,10 @@ class RollingShutter:
         return changed, change[:, : moved.shape[1]]
 
     def _moved(self, t: float) -> F64 | None:
-        """Return by what the image may have moved during the readout, rad.
+        """Return how the image may have moved during the readout, in units of rays on z = 1.
 
-        A matrix (2, 3) whose columns are independent errors of one sigma each; None: by nothing.
+        A matrix (2, 3) whose columns are independent motions of one sigma each; None: it has not
+        moved, as the shutter is no rolling one.
         """
         if self._readout_s == 0.0:
             return None
@@ -110,13 +124,24 @@ class RollingShutter:
         return self._readout_s * np.column_stack([self._rate, sigma * np.eye(2)])
 
     def _change(self, pose: Pose, outline: F64, moved: F64, origin: F64, *, is_round: bool) -> F64:
-        """Return what motions (2, k) do to a pose's (dt, w) by least squares, (6, k + 3)."""
+        """Return the changes of a pose's (dt, w) by motions (2, k), (6, k + 3).
+
+        A least squares fit of the pose to the shifted outline gives the first k columns. The last
+        three are position errors for what that linear model leaves out.
+
+        Args:
+            pose: of the marker.
+            outline: points on its own axes (north, east), m, (n, 2).
+            moved: motions of one sigma each, see `_moved`.
+            origin: of the pad, camera frame, m, (3,).
+            is_round: whether the outline is made of circles.
+        """
         J = ray_derivative(outline, pose)
         rays = pose.rays(outline)
         below = (rays[:, 1] - origin[1] / origin[2]) * self._per_ray
         shift = below[:, None, None] * moved  # (n, 2, k)
         if is_round:
-            # Of a circle only what is across its outline is seen.
+            # A circle shows only shifts across its outline.
             onwards = outline + _ALONG * outline[:, ::-1] * (-1.0, 1.0)
             along = pose.rays(onwards) - rays
             across = np.column_stack([-along[:, 1], along[:, 0]])
@@ -124,13 +149,14 @@ class RollingShutter:
             J = (across[:, :, None] * J.reshape(-1, 2, 6)).sum(axis=1)
             shift = (across[:, :, None] * shift).sum(axis=1)
         H = J.T @ J
-        # Near frontal view a tilt changes the image with its square: a small shear needs no large
-        # one. And a circle's turn about its axis changes nothing.
+        # Near frontal view the image changes with the square of a tilt, so that a small shear does
+        # not need the large tilt of the linear model. A circle's turn about its axis changes
+        # nothing, and would leave the equations singular.
         size = float(np.square(rays - rays.mean(axis=0)).sum())
         shear = float(np.linalg.norm(moved)) * self._per_ray
         H[3:, 3:] += size * max(_FRONTAL * shear, 1e-6) * np.eye(3)
         change = solved(H, J.T @ shift.reshape(len(J), -1))
-        # What is of second order goes any way.
+        # Second-order errors may have any direction.
         rest = np.zeros((6, 3))
         rest[:3] = _REST * float(np.linalg.norm(change[:3])) * np.eye(3)
         return np.hstack([change, rest])
