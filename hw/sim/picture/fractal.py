@@ -1,4 +1,7 @@
-"""Random textures that repeat without a seam: clouds of noise, and blotches of a given share."""
+"""Random textures that repeat without a seam: clouds of noise, and blotches of a given share.
+
+The grounds, leaves, dirt and wet spots of simulated pictures are made of them.
+"""
 
 from collections.abc import Sequence
 from typing import cast
@@ -10,11 +13,16 @@ from numpy.typing import NDArray
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
 
-_UNIFORM_SD = 256 / 12**0.5  # of a random byte
+_UNIFORM_SD = 256 / 12**0.5  # standard deviation of a random byte
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
-    """Return the random numbers of one texture; others do not disturb them."""
+    """Return the random generator of one texture, which no other texture shares.
+
+    Args:
+        seed: of the simulated world.
+        name: of the texture.
+    """
     return np.random.default_rng(list(f"{seed}:{name}".encode()))
 
 
@@ -22,11 +30,11 @@ def cloud(rng: np.random.Generator, size: int, amplitudes: Sequence[float]) -> F
     """Return value noise (size, size) that repeats in both directions.
 
     Args:
-        rng: where it comes from.
-        size: texels along a side, divisible by 2 to the number of octaves less one.
+        rng: source of the noise.
+        size: number of texels along a side, divisible by 2 to the number of octaves less one.
         amplitudes: standard deviation of each octave, the finest (single texels) first. Equal ones
-            are an amplitude spectrum of 1/f, which natural scenes have (Field, "Relations between
-            the statistics of natural images and the response properties of cortical cells", 1987).
+            give the amplitude spectrum 1/f of natural scenes (Field, "Relations between the
+            statistics of natural images and the response properties of cortical cells", 1987).
     """
     coarsest = len(amplitudes) - 1
     field = np.zeros((size >> coarsest, size >> coarsest), np.float32)
@@ -42,21 +50,21 @@ def cloud(rng: np.random.Generator, size: int, amplitudes: Sequence[float]) -> F
     return field
 
 
-FRAYED = (0.0625, 0.125, 0.25, 0.5, 1.0)  # octaves of blotches with ragged outlines
+FRAYED = (0.0625, 0.125, 0.25, 0.5, 1.0)  # amplitudes of blotches with ragged outlines
 
 
 def blotches(
     rng: np.random.Generator, size: int, amplitudes: Sequence[float], share: float, edge: float
 ) -> F32:
-    """Return a cover of 0 to 1 (size, size), above one half on the given share of the texels.
+    """Return random blotches that repeat in both directions (size, size): 0 bare, 1 covered.
 
     Args:
-        rng: where it comes from.
-        size: texels along a side, as for `cloud`.
+        rng: source of the noise.
+        size: number of texels along a side, as for `cloud`.
         amplitudes: of the noise's octaves, the finest first; the strongest gives the blotches'
             size.
-        share: covered, 0 to 1.
-        edge: over which the cover goes from 0 to 1, in standard deviations of the noise.
+        share: of the texels that are at least half covered, 0 to 1.
+        edge: width of the transition from 0 to 1, in standard deviations of the noise.
     """
     field = cloud(rng, size, amplitudes)
     covered = np.quantile(field[::3, ::3], 1.0 - share)
@@ -66,7 +74,7 @@ def blotches(
 
 
 def enlarged(field: F32) -> F32:
-    """Return a field that repeats, at twice the resolution."""
+    """Return a field (n, n) that repeats at twice the resolution, (2 n, 2 n)."""
     n = field.shape[0]
     border = 4
     wide = cv2.copyMakeBorder(field, border, border, border, border, cv2.BORDER_WRAP)

@@ -1,4 +1,4 @@
-"""Ground to the horizon, and the sky above it."""
+"""Draws the ground to the horizon, with the sky above it, for `renderer`."""
 
 import math
 from pathlib import Path
@@ -22,12 +22,12 @@ from landerd.pad import PadLayout
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-TILE = 1024  # texels of a fractal ground
-TEXEL_M = 0.015
-SKY = 205
-LARGEST_PHOTOGRAPH = 2048  # texels that are kept of its longer side
+TILE = 1024  # texels along a side of a fractal ground
+TEXEL_M = 0.015  # side of a texel of a fractal ground
+SKY = 205  # grey level
+LARGEST_PHOTOGRAPH = 2048  # largest number of texels along a photograph's longer side
 
-# Mean grey, standard deviation, and exponent of the amplitude spectrum 1/f^k.
+# Mean grey level, standard deviation, and exponent k of the amplitude spectrum 1/f^k.
 _LOOK = {"grass": (92.0, 24.0, 0.75), "asphalt": (78.0, 12.0, 0.5), "plain": (90.0, 0.0, 1.0)}
 
 
@@ -35,7 +35,7 @@ class Ground:
     """A textured horizontal plane: fractal, procedural, or from a photograph.
 
     Attributes:
-        leaves: that shade it, if there are any.
+        leaves: the leaves that shade it; None: there are none.
     """
 
     def __init__(
@@ -49,12 +49,12 @@ class Ground:
         """Make the texture.
 
         Args:
-            options: the kind of ground, or the photograph, and what lies and falls on it.
-            camera: whose images it fills.
-            layout: of the pad, which nothing on the ground is like.
+            options: the kind of ground, or its photograph; look-alikes, wetness and shade.
+            camera: that sees the ground.
+            layout: of the pad, from which all look-alikes differ.
             seed: of the texture.
-            place_m: north, east of the pad at the start: there lies the middle of a procedural
-                texture or a photograph.
+            place_m: north, east of the pad at the start, local NED, m, where the middle of a
+                procedural texture or of a photograph lies.
 
         Raises:
             ValueError: the photograph cannot be read.
@@ -64,7 +64,7 @@ class Ground:
         if options.ground in _LOOK and not (
             options.look_alikes or options.wet or options.leaf_shade
         ):
-            # Nothing in it is as small as a pixel: half resolution will do.
+            # It shows nothing as small as a pixel, so that half the resolution is enough.
             tile = Tile(_fractal(str(options.ground), seed), TEXEL_M)
             self.plane = TexturedPlane(tile, camera, fine=False)
             return
@@ -85,10 +85,12 @@ class Ground:
         self.plane = TexturedPlane(tile, camera, fine=True)
 
     def draw(self, to_ground: F64 | None, rays: F32 | None = None) -> U8:
-        """Return the picture (height, width) for a ray-to-ground matrix of `plane_homography`.
+        """Return the picture (height, width) of the ground and the sky.
 
-        None (a camera not above the ground) gives an even mid grey. In place of the camera's own
-        rays others may be given, as to `TexturedPlane.draw`.
+        Args:
+            to_ground: `plane_homography` from rays to the ground; None: the camera is not above
+                the ground, and the picture is an even mid grey.
+            rays: followed instead of the camera's own, see `TexturedPlane.draw`.
         """
         if to_ground is None:
             small = np.full(self.plane.shape, 90, np.uint8)
@@ -100,14 +102,14 @@ class Ground:
 
 
 def _texture(options: RenderOptions, seed: int) -> tuple[U8, float, tuple[float, float]]:
-    """Return a texture, the side of a texel, and row and column of where the pad starts."""
+    """Return a texture, the side of a texel, m, and row and column where the pad starts."""
     kind = options.ground
     if isinstance(kind, Path):
         texture, texel_m = photograph(kind, options.ground_m)
-        # The photograph is the first quarter.
+        # The photograph is the first quarter; the rest are its mirror images.
         return texture, texel_m, (texture.shape[0] / 4, texture.shape[1] / 4)
     if kind in _LOOK:
-        # Finer, so that what lies and falls on it has edges.
+        # A finer texture, so that things and shadows on it have sharp edges.
         texture = _fractal(kind, seed)
         fine = cv2.resize(np.tile(texture, (3, 3)), None, fx=2.0, fy=2.0)
         n = 2 * TILE
@@ -118,13 +120,17 @@ def _texture(options: RenderOptions, seed: int) -> tuple[U8, float, tuple[float,
 
 
 def photograph(path: Path, side_m: float) -> tuple[U8, float]:
-    """Return a texture of a photograph and its mirror images, and the side of a texel in m.
+    """Return a texture of a photograph, and the side of a texel, m.
 
-    The photograph's longer side is side_m on the ground, its top lies to the north. Mirrored, it
-    repeats without a seam.
+    The photograph's top lies to the north. Its mirror images beside it let it repeat without a
+    seam.
+
+    Args:
+        path: the photograph's file.
+        side_m: length of the photograph's longer side on the ground.
 
     Raises:
-        ValueError: it cannot be read.
+        ValueError: the photograph cannot be read.
     """
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
@@ -140,7 +146,7 @@ def photograph(path: Path, side_m: float) -> tuple[U8, float]:
 
 
 def _fractal(kind: str, seed: int) -> U8:
-    """Return a texture (TILE, TILE) with a power law's spectrum."""
+    """Return the texture (TILE, TILE) of a kind of ground with a power-law spectrum."""
     mean, deviation, exponent = _LOOK[kind]
     rng = np.random.default_rng([seed, 1])
     f = np.hypot(np.fft.fftfreq(TILE)[:, None], np.fft.rfftfreq(TILE)[None, :]) * TILE

@@ -1,8 +1,9 @@
-"""What JPEG leaves of a grey picture, without its bytes.
+"""The loss of JPEG compression, applied to grey pictures without making JPEG files.
 
-Only the rounding of the 8x8 blocks' cosine coefficients loses anything (ITU-T T.81), so only that
-is done: the same picture as libjpeg's to the rounding of its arithmetic, in half the time or less,
-and as fast for a noisy picture as for a smooth one. MJPEG cameras compress luma so.
+JPEG loses information only by quantising the cosine coefficients of blocks of 8x8 pixels (ITU-T
+T.81), and only that is done here. The picture is libjpeg's to within the rounding of its
+arithmetic, in half the time or less, and in the same time for a noisy picture as for a smooth one.
+MJPEG cameras compress luma in this way.
 """
 
 import math
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-SMALL_PRODUCT = 2**18  # multiplications, up to which OpenBLAS starts no threads
-# T.81 table K.1, luminance.
+# Number of multiplications in a matrix product up to which OpenBLAS starts no threads.
+SMALL_PRODUCT = 2**18
+# Quantisation steps for luminance at quality 50: T.81, table K.1.
 _STEPS = [
     [16, 11, 10, 16, 24, 40, 51, 61],
     [12, 12, 14, 19, 26, 58, 60, 55],
@@ -27,6 +29,7 @@ _STEPS = [
     [49, 64, 78, 87, 103, 121, 120, 101],
     [72, 92, 95, 98, 112, 100, 103, 99],
 ]
+# Matrix of the discrete cosine transform of 8 samples.
 _DCT = np.array(
     [
         [
@@ -37,23 +40,24 @@ _DCT = np.array(
     ],
     np.float32,
 )
-_GREY = 8 * 128.0  # of the constant coefficient: T.81 codes levels less 128
+_GREY = 8 * 128.0  # offset of the constant coefficient: T.81 codes grey levels less 128
 
 
 def quantisation(quality: int) -> NDArray[np.int64]:
-    """Return the steps (8, 8) by which libjpeg rounds at a quality from 1 to 100."""
+    """Return libjpeg's quantisation steps (8, 8) for a quality from 1 to 100."""
     percent = 5000 // quality if quality < 50 else 200 - 2 * quality
     steps: NDArray[np.int64] = np.clip((np.array(_STEPS) * percent + 50) // 100, 1, 255)
     return steps
 
 
 class Jpeg:
-    """Compresses and expands pictures of one size."""
+    """Compresses and decompresses pictures of one size."""
 
     def __init__(self, width: int, height: int, quality: int) -> None:
+        """Prepare for pictures of a size, px, and a quality from 1 to 100."""
         self._across, self._down = -width % 8, -height % 8
         columns = width + self._across
-        blocks = max(SMALL_PRODUCT // (64 * columns), 1)  # one above the other, in one strip
+        blocks = max(SMALL_PRODUCT // (64 * columns), 1)  # rows of blocks in one strip
         self._rows = 8 * min(blocks, (height + self._down) // 8)
         steps = quantisation(quality).astype(np.float32)
         self._steps = np.tile(steps, (self._rows // 8, columns // 8))
@@ -62,7 +66,7 @@ class Jpeg:
         self._b = np.empty_like(self._steps)
 
     def compress(self, image: U8) -> None:
-        """Leave of a picture (height, width) what comes back, in place."""
+        """Replace a picture (height, width) by what compression leaves of it."""
         whole = image
         if self._across or self._down:
             border = (0, self._down, 0, self._across)
@@ -73,6 +77,7 @@ class Jpeg:
             image[:] = whole[: image.shape[0], : image.shape[1]]
 
     def _strip(self, image: U8) -> None:
+        """Do the same to some rows of blocks."""
         rows, columns = image.shape
         a, b = self._a[:rows], self._b[:rows]
         steps, inverse = self._steps[:rows], self._inverse[:rows]

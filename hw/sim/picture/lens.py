@@ -1,4 +1,4 @@
-"""The lens in front of the sensor: what it is beside its calibration, and the light it keeps."""
+"""The true lens of the simulated camera: errors of its calibration, vignetting and dirt."""
 
 from dataclasses import replace
 from typing import cast
@@ -12,12 +12,19 @@ from landerd.camera_model import CameraModel
 
 F32 = NDArray[np.float32]
 
-SPOTS = 10
-SPOT_RADII = (0.02, 0.12)  # of the image's width: a drop on a lens is far out of focus
+SPOTS = 10  # number of spots of dirt
+# Least and largest radius of a spot, share of the image's width: a drop on a lens is far out of
+# focus.
+SPOT_RADII = (0.02, 0.12)
 
 
 def true_camera(believed: CameraModel, error: CalibrationErrorOptions) -> CameraModel:
-    """Return the world's camera, given the one that was calibrated."""
+    """Return the true camera.
+
+    Args:
+        believed: the camera as it was calibrated.
+        error: differences of the true camera from that.
+    """
     right, down = error.principal_px
     return replace(
         believed,
@@ -30,10 +37,14 @@ def true_camera(believed: CameraModel, error: CalibrationErrorOptions) -> Camera
 
 
 def vignetting(camera: CameraModel, loss: float) -> F32:
-    """Return the share of light (height, width) that reaches each pixel.
+    """Return the share of light (height, width) that reaches each pixel through the lens.
 
-    The law of the fourth power of the cosine, 1 / (1 + r^2 / f^2)^2 at radius r, with f chosen so
-    that the furthest corner loses `loss` (less than 1).
+    It follows the cosine-fourth law, 1 / (1 + r^2 / f^2)^2 at radius r.
+
+    Args:
+        camera: its size and principal point.
+        loss: share of light lost in the corner farthest from the principal point, below 1, which
+            determines f.
     """
     x = np.arange(camera.width) - camera.cx
     y = np.arange(camera.height) - camera.cy
@@ -43,9 +54,13 @@ def vignetting(camera: CameraModel, loss: float) -> F32:
 
 
 def dirt(width: int, height: int, loss: float, rng: np.random.Generator) -> F32:
-    """Return the share of light (height, width) that passes dirt on the lens.
+    """Return the share of light (height, width) that passes soft round spots of dirt on the lens.
 
-    SPOTS soft round spots; the thickest keeps off `loss` (0 to 1) in its middle, the others less.
+    Args:
+        width: of the image, px.
+        height: of the image, px.
+        loss: share of light lost in the middle of the thickest spot, 0 to 1.
+        rng: places and sizes of the spots.
     """
     passed = np.ones((height, width), np.float32)
     x, y = np.arange(width)[None, :], np.arange(height)[:, None]

@@ -1,4 +1,7 @@
-"""Grey levels that a sensor gives pad and ground, where no picture is made."""
+"""The grey levels of pad and ground for a simulation with modelled sight, which draws no picture.
+
+They stand for what `sensor` would make of the light, and depend on the exposure likewise.
+"""
 
 from dataclasses import dataclass
 
@@ -11,36 +14,37 @@ from hw.sim.picture.exposure import Exposure
 from hw.sim.picture.pad_texture import BLACK, WHITE
 from hw.sim.picture.tone import STEPS, tone_levels
 
-# Mean brightness of the grounds, grey levels under full light: `ground.py` and `terrain.py`.
+# Mean grey levels of the grounds of `ground` and `terrain` under full light.
 GROUND = {
     "grass": 92.0, "asphalt": 78.0, "plain": 90.0,
     "meadow": 28.0, "gravel": 56.0, "paving": 70.0, "canopy": 14.0, "roof": 50.0,
     "car_park": 40.0, "water": 11.0,
 }  # fmt: skip
-_PHOTOGRAPH = 60.0
-_WHITE_SHARE = 0.7  # of a plate; the rest is print
+_PHOTOGRAPH = 60.0  # the same of any photograph, assumed
+_WHITE_SHARE = 0.7  # share of a plate that is white; the rest is black print
 
 
 @dataclass(frozen=True)
 class Levels:
-    """What a picture gives, grey levels."""
+    """Grey levels of one exposure."""
 
     white: float
     black: float
     ground: float
-    noise: float  # standard deviation, halfway between black and white
-    clipped: float  # light on white over what the sensor can hold; 1 and less: not clipped
+    noise: float  # standard deviation of the noise halfway between black and white
+    clipped: float  # light of white over the most that the sensor can hold; above 1: clipped
 
     @property
     def contrast(self) -> float:
-        """From black to white."""
+        """Difference of white and black, grey levels."""
         return self.white - self.black
 
 
 class Sensitivity:
-    """Turns exposures into grey levels; light falls evenly."""
+    """Turns exposures into grey levels of evenly lit surfaces."""
 
     def __init__(self, render: RenderOptions, camera: SimCameraOptions, pad: PadOptions) -> None:
+        """Take light and noise, the sensor, and the pad's print."""
         self._render, self._camera = render, camera
         ink = BLACK if pad.black is None else pad.black * WHITE
         self._scene = np.array(
@@ -50,7 +54,7 @@ class Sensitivity:
         self._known: dict[Exposure, Levels] = {}
 
     def levels(self, exposure: Exposure | None) -> Levels:
-        """Return those of an exposure; None: as the illumination has it."""
+        """Return the grey levels of an exposure; None: the one that the illumination is set for."""
         exposure = exposure or Exposure(self._camera.exposure_s)
         found = self._known.get(exposure)
         if found is None:
@@ -58,7 +62,12 @@ class Sensitivity:
         return found
 
     def brightness(self, exposure: Exposure | None, pad_share: float) -> float:
-        """Return the mean of a picture of which the pad fills a share, share of full scale."""
+        """Return the mean of a picture, share of full scale.
+
+        Args:
+            exposure: see `levels`.
+            pad_share: share of the picture that the pad fills.
+        """
         levels = self.levels(exposure)
         pad = _WHITE_SHARE * levels.white + (1.0 - _WHITE_SHARE) * levels.black
         return (pad_share * pad + (1.0 - pad_share) * levels.ground) / 255.0
@@ -68,7 +77,7 @@ class Sensitivity:
         amplified = exposure.time_s * exposure.gain / camera.exposure_s
         light = self._scene * (render.illumination * amplified)
         white, black, ground, _ = self._grey_of(light)
-        # Variance of the photon transfer curve, brought through the tone curve by its slope.
+        # Noise of the photon transfer curve (see `sensor`), times the slope of the tone curve.
         read = render.noise_sigma * exposure.gain
         lit = min(float(light[3]), 255.0)
         sigma = (read * read + camera.noise.shot * exposure.gain * lit) ** 0.5
@@ -77,5 +86,6 @@ class Sensitivity:
         return Levels(white, black, ground, float(sigma * slope), float(light[0]) / 255.0)
 
     def _grey_of(self, light: NDArray[np.float64]) -> list[float]:
+        """Return the grey levels of light, 255 of which is full scale."""
         at = np.clip(light, 0.0, 255.0) * ((STEPS - 1) / 255.0)
         return [float(grey) for grey in np.interp(at, np.arange(STEPS), self._grey)]
