@@ -1,6 +1,7 @@
 """Things on the ground that look like markers: manholes, wheels, targets, letters, other tags.
 
-They lie flat and still round the place where the pad starts, none touching it or another.
+They are painted into the ground's texture (`ground`) around the place where the pad starts, without
+touching it or each other.
 """
 
 import math
@@ -19,29 +20,32 @@ from landerd.pad import PadLayout, Square
 U8 = NDArray[np.uint8]
 Rng = np.random.Generator
 
-SIDE = 256  # texels of a drawing
-MARGIN = 16  # of these round it: one on the coarsest level
-LEVELS = 5
-GAP_M = 0.3  # least distance of two things
-NEAR_M = 5.0  # from the pad's start,
-FURTHER_M = 0.05  # and more with every vain attempt
-TRIES = 100
-UNLIKE = 0.1  # least difference of a ring's inner ratio from those of the pad
+SIDE = 256  # texels along a side of a drawing
+MARGIN = 16  # width of its transparent margin, texels: one on the coarsest level
+LEVELS = 5  # number of levels of detail, each with half the resolution of the one before
+GAP_M = 0.3  # least distance between two things
+# Largest distance of a thing from the pad, beyond the least one, and what each failed attempt to
+# place the thing adds to it.
+NEAR_M = 5.0
+FURTHER_M = 0.05
+TRIES = 100  # attempts to place a thing
+UNLIKE = 0.1  # least difference of a ring's inner ratio from those of the pad's rings
 TAGS = ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "4X4_50", "5X5_100", "6X6_250")
-OPAQUE = 255 / WHITE
-_MIDDLE = (SIDE - 1) / 2
-_BITS = 4
+OPAQUE = 255 / WHITE  # level that makes `_disc` draw 255
+_MIDDLE = (SIDE - 1) / 2  # of a drawing, texels
+_BITS = 4  # fractional bits of the coordinates that OpenCV draws at
 
 
 @dataclass(frozen=True)
 class LookAlike:
-    """One thing.
+    """A thing on the ground that looks like a marker.
 
     Attributes:
-        place_m: north, east of its middle.
-        heading: of its drawing's top, clockwise from north, rad.
-        side_m: of the square that it fills or is inscribed in.
-        levels: drawings (n, n), grey weighted with alpha, and alpha, n halving.
+        place_m: north, east of its middle, local NED.
+        heading: direction of its drawing's top, clockwise from north, rad.
+        side_m: side of the square that it fills or that is about it.
+        levels: for each level of detail, the drawing as grey levels times opacity, and its opacity
+            (255: opaque), both (n, n).
     """
 
     place_m: tuple[float, float]
@@ -51,21 +55,21 @@ class LookAlike:
 
     @property
     def radius_m(self) -> float:
-        """Of a circle about it."""
+        """Radius of a circle that contains it, m."""
         return self.side_m / math.sqrt(2.0)
 
 
 def scattered(
     count: int, layout: PadLayout, place_m: tuple[float, float], reach_m: float, rng: Rng
 ) -> list[LookAlike]:
-    """Return so many things, or as many as there is room for.
+    """Return things at random places about the pad, fewer if there is no room for all.
 
     Args:
-        count: how many.
-        layout: of the pad, which none is like.
-        place_m: north, east of the landing point at the start.
-        reach_m: of the square about it in which they lie, from its middle to a side.
-        rng: decides on all of it.
+        count: number of things.
+        layout: of the pad, from whose markers all of them differ.
+        place_m: north, east of the landing point at the start, local NED.
+        reach_m: half the side of the square about that place in which all of them lie.
+        rng: source of all that is random.
     """
     plate = layout.plate
     pad_m = math.hypot(max(plate.north_m, plate.south_m), max(plate.east_m, plate.west_m))
@@ -92,13 +96,13 @@ def scattered(
 def painted(
     texture: U8, texel_m: float, corner_m: tuple[float, float], things: Iterable[LookAlike]
 ) -> U8:
-    """Return a texture of the ground with things on it.
+    """Return a texture of the ground with things painted on it.
 
     Args:
-        texture: (rows, columns), rows to the north.
+        texture: (rows, columns); rows count to the north, columns to the east.
         texel_m: side of a texel.
-        corner_m: north, east of the first texel's outer corner.
-        things: none crosses the texture's border.
+        corner_m: north, east of the first texel's outer corner, local NED.
+        things: none of which crosses the texture's border.
     """
     texture = texture.copy()
     for thing in things:
@@ -114,7 +118,7 @@ def painted(
         top, left = round(row) - reach, round(column) - reach
         part = texture[max(top, 0) : top + 2 * reach, max(left, 0) : left + 2 * reach]
         top, left = max(top, 0), max(left, 0)
-        # A drawing's rows go down from its top, which looks along the heading.
+        # A drawing's rows count down from its top, which points along the heading.
         middle = (len(grey) - 1) / 2
         to_part = np.array(
             [
@@ -132,12 +136,13 @@ def painted(
 
 
 def _touch(one: LookAlike, other: LookAlike) -> bool:
+    """Tell whether two things are nearer to each other than `GAP_M`."""
     apart = math.dist(one.place_m, other.place_m)
     return apart < one.radius_m + other.radius_m + GAP_M
 
 
 def _levels(grey: U8, alpha: U8) -> tuple[tuple[U8, U8], ...]:
-    """Return a drawing in falling resolution, grey weighted with alpha."""
+    """Return grey levels times opacity, and opacity, of a drawing for each level of detail."""
     pair = [cv2.multiply(grey, alpha, scale=1 / 255), alpha]
     levels = []
     for level in range(LEVELS):
@@ -147,11 +152,11 @@ def _levels(grey: U8, alpha: U8) -> tuple[tuple[U8, U8], ...]:
     return tuple(levels)
 
 
-# ---- drawings: grey and alpha (SIDE, SIDE), within the margin ------------------------------------
+# ---- drawings: grey levels and opacity (SIDE, SIDE), within the margin ---------------------------
 
 
 def _manhole(_: PadLayout, rng: Rng) -> tuple[U8, U8]:
-    """A cast iron cover in its frame, or a drain."""
+    """Draw a cast iron cover in its frame, or a drain."""
     grey, alpha = _empty()
     iron = float(rng.uniform(0.06, 0.2))
     _disc(alpha, 1.0, OPAQUE)
@@ -166,7 +171,7 @@ def _manhole(_: PadLayout, rng: Rng) -> tuple[U8, U8]:
 
 
 def _wheel(_: PadLayout, rng: Rng) -> tuple[U8, U8]:
-    """A tyre with a bright rim of spokes, or without a rim: the ground shows."""
+    """Draw a tyre with a bright rim of spokes, or without one, so that the ground shows."""
     grey, alpha = _empty()
     rim = rng.uniform(0.5, 0.65)
     _disc(alpha, 1.0, OPAQUE)
@@ -185,7 +190,7 @@ def _wheel(_: PadLayout, rng: Rng) -> tuple[U8, U8]:
 
 
 def _target(layout: PadLayout, rng: Rng) -> tuple[U8, U8]:
-    """Rings of ratios the pad has not, on a white plate, round or square."""
+    """Draw rings with other ratios than the pad's, on a round or square white plate."""
     grey, alpha = _empty()
     if rng.random() < 0.5:
         _disc(alpha, 1.0, OPAQUE)
@@ -206,7 +211,7 @@ def _target(layout: PadLayout, rng: Rng) -> tuple[U8, U8]:
 
 
 def _letter(_: PadLayout, rng: Rng) -> tuple[U8, U8]:
-    """A letter: painted on the ground, with a circle round it as at helipads, or on a plate."""
+    """Draw a letter on the ground or on a plate, perhaps in a circle as on helipads."""
     grey, alpha = _empty()
     shape = np.zeros_like(grey)
     strokes = _LETTERS[str(rng.choice(sorted(_LETTERS)))]
@@ -224,7 +229,7 @@ def _letter(_: PadLayout, rng: Rng) -> tuple[U8, U8]:
 
 
 def _tag(layout: PadLayout, rng: Rng) -> tuple[U8, U8]:
-    """An AprilTag or ArUco marker on its white sheet, of an id that none of the pad has."""
+    """Draw an AprilTag or ArUco marker on a white sheet, with an id that is not on the pad."""
     grey, alpha = _empty()
     own = [square.id for square in layout.squares]
     dictionary = str(rng.choice(TAGS))
@@ -243,7 +248,7 @@ def _tag(layout: PadLayout, rng: Rng) -> tuple[U8, U8]:
 
 
 _Maker = Callable[[PadLayout, Rng], tuple[U8, U8]]
-# What is made, and from which side to which, m.
+# Each kind of thing, with the least and the largest side, m.
 _MAKERS: Sequence[tuple[_Maker, float, float]] = (
     (_manhole, 0.5, 0.8),
     (_wheel, 0.5, 0.75),
@@ -253,7 +258,7 @@ _MAKERS: Sequence[tuple[_Maker, float, float]] = (
 )
 
 _Point = tuple[float, float]
-# Strokes in the circle of radius 1, x to the right, y down.
+# Strokes of each letter within a circle of radius 1, from point to point (x to the right, y down).
 _LETTERS: dict[str, list[tuple[_Point, _Point]]] = {
     "H": [((-0.4, -0.55), (-0.4, 0.55)), ((0.4, -0.55), (0.4, 0.55)), ((-0.4, 0.0), (0.4, 0.0))],
     "T": [((-0.45, -0.5), (0.45, -0.5)), ((0.0, -0.5), (0.0, 0.6))],
@@ -264,17 +269,29 @@ _LETTERS: dict[str, list[tuple[_Point, _Point]]] = {
 
 
 def _empty() -> tuple[U8, U8]:
+    """Return black grey levels and no opacity, (SIDE, SIDE) each."""
     return np.zeros((SIDE, SIDE), np.uint8), np.zeros((SIDE, SIDE), np.uint8)
 
 
 def _texels(at: _Point) -> tuple[int, int]:
-    """Return the drawing's coordinates of a point of the inscribed circle of radius 1."""
+    """Return a point in OpenCV's fixed-point coordinates of a drawing.
+
+    It is given in radii of the circle inscribed within the margin.
+    """
     k = (SIDE - 2 * MARGIN) / 2
     x, y = (round((_MIDDLE + k * p) * 2**_BITS) for p in at)
     return x, y
 
 
 def _disc(image: U8, radius: float, level: float, line: int = -1, at: _Point = (0.0, 0.0)) -> None:
-    """Draw a disc, or with a line's width in texels a circle; a level of 1 is white."""
+    """Draw a disc or a circle.
+
+    Args:
+        image: of a drawing; changed.
+        radius: in radii of the circle inscribed within the margin.
+        level: 0 is black and 1 the white of pads.
+        line: width of a circle's line, texels; -1: a disc.
+        at: centre, see `_texels`.
+    """
     r = round(radius * (SIDE - 2 * MARGIN) / 2 * 2**_BITS)
     cv2.circle(image, _texels(at), r, (float(level * WHITE),), line, cv2.LINE_AA, _BITS)

@@ -1,4 +1,4 @@
-"""A second pad of the same ids beside the one that is meant."""
+"""A second pad with the same ids beside the right one: the fault `second-pad`."""
 
 import cv2
 import numpy as np
@@ -14,16 +14,16 @@ from landerd.pad import Plate
 
 
 class SecondPad:
-    """Draws the pad and another one like it."""
+    """Draws the pad and another one like it, with the renderer of the first."""
 
     def __init__(self, renderer: Renders, plate: Plate, frustum: Frustum, aside: Vec3) -> None:
-        """Take what there is.
+        """Prepare to draw both pads.
 
         Args:
-            renderer: of the first.
-            plate: the pads' outline.
+            renderer: of the first pad.
+            plate: outline of either pad.
             frustum: of the camera.
-            aside: from the first to the second, pad frame, m.
+            aside: vector from the first pad to the second, pad frame, m.
         """
         self._renderer = renderer
         self._aside = aside

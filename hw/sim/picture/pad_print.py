@@ -1,7 +1,7 @@
-"""The pad as it really was printed, mounted and used, against what its file says.
+"""Differences of the simulated pad from its file: errors of printing, folds, dirt, wetness, glare.
 
-The core goes by the file; only the world's pictures show this. The landing point is the file's
-origin still.
+The daemon knows only the file; the pictures show the pad with these differences. The landing point
+is still the file's origin.
 """
 
 import itertools
@@ -29,20 +29,23 @@ from landerd.pad import Marker, PadLayout, Square, size_m
 
 F32 = NDArray[np.float32]
 
-DIRT = (0.15, 0.4)  # reflectance of dried mud and dead leaves against the plate's white
-DARKENED = 0.85  # light that is left where the print is wet; it is no porous ground
-GLARE = (0.03, 0.08)  # sigma of the spot against the plate's longer side
-EDGE_M = 0.02  # the lens bends a block of rays, so a fold this near to its corners may be in it
+DIRT = (0.15, 0.4)  # reflectance of dried mud and dead leaves, over that of the plate's white
+DARKENED = 0.85  # share of light left where the print is wet, which is less porous than ground
+GLARE = (0.03, 0.08)  # sigma of a spot of glare, over the plate's longer side
+# A fold at most this far outside the corners of a block of rays may be in it, as the lens bends the
+# block's edges.
+EDGE_M = 0.02
 
 
 @dataclass(frozen=True)
 class Fold:
-    """A plate bent along a line: the part without the landing point is on a plane of its own.
+    """A plate folded along a line: the far part, without the landing point, has its own plane.
 
     Attributes:
-        way: (2,) across the line, away from the landing point.
-        least: the line is so far along that way from the landing point, m.
-        R_pad_far: of the far part's frame, in which it lies as the flat pad would.
+        way: unit vector (2,) (north, east) across the line, away from the landing point.
+        least: distance of the line from the landing point along `way`, m.
+        R_pad_far: rotation (3, 3) from the far part's frame to the pad's; in its frame the far part
+            lies as it would on the flat pad.
     """
 
     way: F64
@@ -50,7 +53,7 @@ class Fold:
     R_pad_far: F64
 
     def far_part(self, pad: PadPose) -> PadPose:
-        """Return where the far part's frame is when the pad is there."""
+        """Return the pose of the far part's frame for a pose of the pad."""
         hinge = self._hinge
         R = matrix(pad.R_local_pad) @ self.R_pad_far
         position = on_pad(pad, (hinge - self.R_pad_far @ hinge)[None])[0]
@@ -58,7 +61,7 @@ class Fold:
         return PadPose(cast(Vec3, tuple(position.tolist())), cast(Mat3, rows))
 
     def outline(self, plate: F64) -> F64:
-        """Return the outline (n, 3) of the bent plate from the flat one's, pad frame."""
+        """Return the outline (n, 3) of the folded plate from the flat one's, pad frame, m."""
         beyond = plate[:, :2] @ self.way - self.least
         points = []
         for i, corner in enumerate(plate):
@@ -72,13 +75,15 @@ class Fold:
 
     @property
     def _hinge(self) -> F64:
-        """A point (3,) of the line, pad frame."""
+        """A point (3,) of the line, pad frame, m."""
         return np.array([*(self.least * self.way), 0.0])
 
     def reaches(self, H: F64, corners: F32) -> bool:
-        """Tell whether a block of rays may see the far part, by its corners (2, 2, 2).
+        """Tell whether a block of rays may see the far part.
 
-        H is the `plane_homography` to the far part.
+        Args:
+            H: `plane_homography` to the far part.
+            corners: rays at the block's corners, on z = 1, (2, 2, 2).
         """
         north, east, descent = H[:, :2] @ corners.reshape(-1, 2).T + H[:, 2:]
         if descent.min() <= 0.0:
@@ -87,11 +92,11 @@ class Fold:
         return bool(beyond.max() > -EDGE_M)
 
     def bend(self, near: F32, far: F32, texture: TextureLevel) -> None:
-        """Put texels (rows, columns, 2) of the far part in place of the near part's beyond it.
+        """Replace texels on the near part's plane by those on the far part's beyond the line.
 
         Args:
-            near: where pixels meet the texture on the near part's plane; changed.
-            far: where they do on the far part's.
+            near: texels (rows, columns, 2) where pixels see the near part's plane; changed.
+            far: the same for the far part's plane.
             texture: of the flat pad.
         """
         k = texture.texel_m
@@ -101,7 +106,13 @@ class Fold:
 
 
 def printed(layout: PadLayout, options: PadOptions, seed: int) -> PadLayout:
-    """Return the layout as printed: all markers larger or smaller, each a little misplaced."""
+    """Return the layout as it was printed: scaled as a whole, and each marker misplaced.
+
+    Args:
+        layout: of the pad's file.
+        options: scale of the print, and error of each marker's place.
+        seed: of the errors' directions.
+    """
     if options.print_scale == 1.0 and options.marker_error_m == 0.0:
         return layout
     rng = generator(seed, "print")
@@ -122,7 +133,13 @@ def printed(layout: PadLayout, options: PadOptions, seed: int) -> PadLayout:
 def textures(
     layout: PadLayout, pad: PadOptions, render: RenderOptions, seed: int
 ) -> tuple[TextureLevel, ...]:
-    """Draw the printed pad with what has become of it, finest level first.
+    """Return the printed pad's texture with dirt, wetness and glare, the finest level first.
+
+    Args:
+        layout: of the pad as it was printed.
+        pad: ink and dirt.
+        render: wetness and glare.
+        seed: of all that is random.
 
     Raises:
         ValueError: a marker does not exist (see pad_texture).
@@ -137,11 +154,11 @@ def textures(
 
 
 def fold(layout: PadLayout, bend_deg: float) -> Fold | None:
-    """Return how a plate is folded: in the middle between the two markers furthest apart.
+    """Return the fold of a plate, midway between the two markers farthest apart; None: it is flat.
 
     Args:
-        layout: markers; a single one has nothing to be folded from.
-        bend_deg: by which the part without the landing point slopes down.
+        layout: of the pad; a plate with a single marker is not folded.
+        bend_deg: slope of the part without the landing point, positive down.
     """
     pairs = itertools.combinations(layout.markers, 2)
     one, other = max(pairs, key=_distance, default=(None, None))
@@ -149,7 +166,7 @@ def fold(layout: PadLayout, bend_deg: float) -> Fold | None:
         return None
     start = np.array(one.position_m)
     way = (np.array(other.position_m) - start) / _distance((one, other))
-    # In the middle of the gap between their edges.
+    # The line is in the middle of the gap between the markers' edges.
     middle = 0.5 * (_radius(one) + _distance((one, other)) - _radius(other))
     least = float(start @ way) + middle
     if least < 0.0:
@@ -162,15 +179,17 @@ def fold(layout: PadLayout, bend_deg: float) -> Fold | None:
 
 
 def _distance(pair: tuple[Marker, Marker]) -> float:
+    """Return the distance of two markers' centres, m."""
     return math.dist(pair[0].position_m, pair[1].position_m)
 
 
 def _radius(marker: Marker) -> float:
+    """Return half a marker's size, m."""
     return 0.5 * size_m(marker)
 
 
 def _used(grey: F32, pad: PadOptions, render: RenderOptions, seed: int) -> F32:
-    """Return a plate's grey levels (rows, columns) with dirt, wet spots and a glare on it."""
+    """Return a plate's grey levels (rows, columns) with dirt, wet spots and a spot of glare."""
     rows, columns = grey.shape
     if pad.dirt > 0.0:
         rng = generator(seed, "dirt")
@@ -193,5 +212,5 @@ def _used(grey: F32, pad: PadOptions, render: RenderOptions, seed: int) -> F32:
 
 
 def _spread(cover: F32, grey: F32) -> F32:
-    """Stretch a cover over the plate."""
+    """Return a cover stretched to the size of the plate's grey levels."""
     return cast(F32, cv2.resize(cover, grey.shape[::-1], interpolation=cv2.INTER_LINEAR))
