@@ -1,7 +1,7 @@
-"""The pad's print as textures of falling resolution, to be sampled by the renderer.
+"""The pad's print as textures of decreasing resolution, from which `pad_view` samples.
 
-Texels hold exact area averages: an edge through a texel makes it grey in proportion. Sampling a
-level whose texels are no larger than the sampling pitch therefore moves no edge.
+Texels are exact area averages: a texel through which an edge runs is grey in proportion. Sampling a
+level whose texels are not larger than the distance between samples therefore does not shift edges.
 """
 
 import math
@@ -28,24 +28,28 @@ U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
 WHITE = 200  # grey level of the plate under full light
-BLACK = 24  # of the print: 12 % of white, as measured prints are (8 to 22 %)
-FINEST_PER_M = 1024  # texels; a pixel of the thesis camera at 0.4 m
-LARGEST_TEXELS = 4096  # texels along one side
-LEVELS = 7
-_HALVES = ((1.0, 0.0), (0.0, 1.0))  # of a WhyCode's cell for a 0 and a 1: black or not
+BLACK = 24  # grey level of the print: 12 % of white, as measured prints are (8 to 22 %)
+# Texels per metre of the finest level: one is a pixel of the thesis camera at 0.4 m.
+FINEST_PER_M = 1024
+LARGEST_TEXELS = 4096  # largest number of texels along a side of the plate
+LEVELS = 7  # number of levels, each with half the resolution of the one before
+_HALVES = ((1.0, 0.0), (0.0, 1.0))  # black (1) and white halves of a WhyCode's cell for bits 0, 1
 
 
 @dataclass(frozen=True)
 class TextureLevel:
-    """One resolution. Texel (u, v) has its centre at east u, north -v of the top-left's centre."""
+    """The texture in one resolution.
 
-    texel_m: float
-    origin_m: tuple[float, float]  # north, east of the centre of texel (0, 0)
-    grey: U8  # (rows, columns), already weighted with alpha
-    alpha: U8  # 255 on the plate, 0 beside it
+    Its rows count to the south and its columns to the east.
+    """
+
+    texel_m: float  # side of a texel
+    origin_m: tuple[float, float]  # north, east of the centre of the first texel, pad frame
+    grey: U8  # grey levels times opacity, (rows, columns)
+    alpha: U8  # opacity: 255 on the plate, 0 beside it, (rows, columns)
 
     def from_pad(self) -> NDArray[np.float64]:
-        """Return the (3, 3) matrix from pad (north m, east m, 1) to texels (u, v, 1)."""
+        """Return the matrix (3, 3) from (north, east, 1), m, to texels (column, row, 1)."""
         k = 1.0 / self.texel_m
         north, east = self.origin_m
         return np.array([[0.0, k, -k * east], [-k, 0.0, k * north], [0.0, 0.0, 1.0]])
@@ -63,9 +67,10 @@ def plate_corners(layout: PadLayout) -> tuple[Vec3, Vec3, Vec3, Vec3]:
 
 
 def marker_bitmap(marker: Square) -> U8:
-    """Return the marker's cells (n, n), 0 black and 255 white, top row up as its makers print it.
+    """Return a marker's cells (n, n), 0 black and 255 white, the top row first.
 
-    OpenCV holds the AprilTag dictionaries upside down against the AprilTag project's own pictures.
+    The top is that of the marker as its makers print it: OpenCV's AprilTags are upside down against
+    the AprilTag project's own pictures.
 
     Raises:
         ValueError: OpenCV has no such dictionary, or the dictionary no such id.
@@ -83,12 +88,13 @@ def marker_bitmap(marker: Square) -> U8:
 def pad_texture(
     layout: PadLayout, ink: float = BLACK, weather: Callable[[F32], F32] | None = None
 ) -> tuple[TextureLevel, ...]:
-    """Draw the pad, finest level first.
+    """Return the pad's texture, the finest level first.
 
     Args:
         layout: markers and plate.
         ink: grey level of the print.
-        weather: what becomes of the plate's grey levels (rows, columns), north-west first.
+        weather: changes the plate's grey levels (rows, columns), the north-west corner first; None:
+            a clean pad.
 
     Raises:
         ValueError: a marker does not exist (see marker_bitmap).
@@ -106,15 +112,16 @@ def pad_texture(
 class _Grid:
     """The texels of the finest level, pad frame."""
 
-    per_m: float
-    north: float  # of the centres of the first row, m
-    east: float  # of the centres of the first column, m
-    norths: F32  # (rows, 1), of all centres, m
-    easts: F32  # (1, columns)
+    per_m: float  # texels per metre
+    north: float  # of the first row's centres, m
+    east: float  # of the first column's centres, m
+    norths: F32  # of all rows' centres, m, (rows, 1)
+    easts: F32  # of all columns' centres, m, (1, columns)
     plate: tuple[slice, slice]  # rows and columns that the plate fills
 
 
 def _grid(plate: Plate) -> _Grid:
+    """Return the texels for a plate, with a margin round it."""
     height, width = plate.north_m + plate.south_m, plate.east_m + plate.west_m
     per_m = float(FINEST_PER_M)
     while per_m * max(height, width) > LARGEST_TEXELS:
@@ -131,7 +138,7 @@ def _grid(plate: Plate) -> _Grid:
 
 
 def _white(layout: PadLayout, grid: _Grid) -> F32:
-    """White share of each texel (rows, columns) of a plate without end."""
+    """Return the white share of each texel (rows, columns) of an infinite plate."""
     norths, easts, per_m = grid.norths, grid.easts, grid.per_m
     white = np.ones((norths.size, easts.size), np.float32)
     for marker in layout.markers:
@@ -153,7 +160,7 @@ def _white(layout: PadLayout, grid: _Grid) -> F32:
 
 
 def _plate_alpha(plate: Plate, grid: _Grid) -> F32:
-    """Share of each texel (rows, columns) that lies on the plate."""
+    """Return the share of each texel (rows, columns) that lies on the plate."""
     norths, easts, per_m = grid.norths, grid.easts, grid.per_m
     on_north = _covered(plate.north_m - norths, per_m) * _covered(plate.south_m + norths, per_m)
     on_east = _covered(plate.east_m - easts, per_m) * _covered(plate.west_m + easts, per_m)
@@ -161,11 +168,17 @@ def _plate_alpha(plate: Plate, grid: _Grid) -> F32:
 
 
 def _levels(grey: F32, alpha: F32, grid: _Grid) -> tuple[TextureLevel, ...]:
-    """Return the finest level and coarser ones, each averaged from the one before."""
+    """Return the finest level and coarser ones, each averaged from the one before.
+
+    Args:
+        grey: grey levels times opacity of the finest level, (rows, columns).
+        alpha: its opacity, 0 to 1, (rows, columns).
+        grid: its texels.
+    """
     levels = []
     for level in range(LEVELS):
         texel = 2**level / grid.per_m
-        # Centres of larger texels lie further in from the same outer border.
+        # Levels have the same outer border, so that centres of larger texels lie farther inside.
         shift = (texel - 1 / grid.per_m) / 2
         levels.append(
             TextureLevel(
@@ -182,12 +195,15 @@ def _levels(grey: F32, alpha: F32, grid: _Grid) -> tuple[TextureLevel, ...]:
 
 
 def _covered(inside_m: F32, per_m: float) -> F32:
-    """Share of a texel on the inner side of an edge that lies inside_m beyond its centre."""
+    """Return the share of texels on the inner side of an edge, any shape.
+
+    `inside_m` is the distance of a texel's centre from the edge, positive on the inner side.
+    """
     return cast(F32, np.clip(0.5 + inside_m * np.float32(per_m), 0.0, 1.0))
 
 
 def _ring(ring: Ring, dn: F32, de: F32, per_m: float) -> F32:
-    """Black share of texels at dn (rows, 1), de (1, columns) from the ring's centre, m."""
+    """Return the black share of texels at dn (rows, 1), de (1, columns) from a ring's centre, m."""
     radius = cast(F32, np.sqrt(dn * dn + de * de))
     outer = _covered(ring.outer_diameter_m / 2 - radius, per_m)
     inner = _covered(ring.inner_ratio * ring.outer_diameter_m / 2 - radius, per_m)
@@ -195,14 +211,14 @@ def _ring(ring: Ring, dn: F32, de: F32, per_m: float) -> F32:
 
 
 def _whycode(code: WhyCode, dn: F32, de: F32, per_m: float) -> F32:
-    """Black share of texels at dn (rows, 1), de (1, columns) from the code's centre, m."""
+    """Return the black share of texels at dn (rows, 1), de (1, columns) from a code's centre, m."""
     radius = cast(F32, np.sqrt(dn * dn + de * de))
     disc, band, core = (
         _covered(np.float32(k * code.outer_diameter_m / 2) - radius, per_m)
         for k in (1.0, WHYCODE_BAND, WHYCODE_CORE)
     )
-    # Anticlockwise from the print's east, in half cells: every second border between halves
-    # has black on one side; those between cells only where neighbouring bits are equal.
+    # Angle anticlockwise from the print's east, in half cells. Of the borders between halves those
+    # within a cell have black on one side; those between cells only if neighbouring bits are equal.
     turn = np.arctan2(dn, de) + np.float32(math.radians(code.heading_deg))
     at = (turn * np.float32(code.bits / math.pi)) % (2 * code.bits)
     halves = [half for i in reversed(range(code.bits)) for half in _HALVES[code.id >> i & 1]]
@@ -216,18 +232,18 @@ def _whycode(code: WhyCode, dn: F32, de: F32, per_m: float) -> F32:
 
 
 def _square(marker: Square, dn: F32, de: F32, per_m: float) -> F32:
-    """Black share of texels at dn (rows, 1), de (1, columns) from the marker's centre, m."""
+    """Return the black share of texels at dn (rows, 1), de (1, columns) from a square's centre."""
     cells = 1.0 - np.pad(marker_bitmap(marker), 1, constant_values=255).astype(np.float32) / 255.0
     n = cells.shape[0] - 2
     per_cell = np.float32(per_m * marker.size_m / n)  # texels
     h = math.radians(marker.heading_deg)
     c, s = np.float32(math.cos(h) * n / marker.size_m), np.float32(math.sin(h) * n / marker.size_m)
     half = np.float32(n / 2 + 1)
-    u = half + de * c - dn * s  # cells to the right of the padded bitmap's left edge,
-    v = half - dn * c - de * s  # and down from its top
+    u = half + de * c - dn * s  # distance from the padded bitmap's left edge, cells
+    v = half - dn * c - de * s  # distance from its top edge, cells
 
     def sharpened(cell: F32) -> F32:
-        # Interpolation between cell centres, squeezed into one texel about the border between.
+        # Interpolation between cells' centres is narrowed to one texel about their border.
         before = np.floor(cell - 0.5)
         step = np.clip((cell - 1.0 - before) * per_cell + 0.5, 0.0, 1.0)
         return cast(F32, (before + step).astype(np.float32))

@@ -1,7 +1,6 @@
-"""The pad in the picture: where it is, how finely it is sampled, flat or folded.
+"""Draws the pad, flat or folded, into a picture: where it is, and how finely it is sampled.
 
-Its edges are exact to a few hundredths of a pixel, because that is what the pose at 20 to 30 m
-hangs on.
+Its edges are exact to a few hundredths of a pixel, on which the pose at 20 to 30 m depends.
 """
 
 import itertools
@@ -36,35 +35,39 @@ U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 Box = tuple[int, int, int, int]  # left, top, right, bottom in pixels
 
-SAMPLE_BUDGET = 160_000  # of the pad's texture in one picture, unless one a pixel is more
-SAMPLINGS = (4, 2, 1)  # samples a pixel along x and along y; averages over 3 would be slow
-BAND_ROWS = 80  # of the pad's picture drawn from one level of detail
-ROLLED_MARGIN_PX = 2.0  # round a pad that is skewed by a rolling shutter
+# Largest number of samples of the pad's texture in one picture, unless one per pixel is more.
+SAMPLE_BUDGET = 160_000
+SAMPLINGS = (4, 2, 1)  # samples per pixel along x and along y; averages over 3 would be slow
+BAND_ROWS = 80  # rows of the pad's picture that are drawn from one level of detail, about
+ROLLED_MARGIN_PX = 2.0  # width of the margin round a pad that a rolling shutter distorts
 
 
 @dataclass(frozen=True)
 class _Plane:
-    """A plane of the pad as pixels see it."""
+    """A plane of the pad as the pixels see it."""
 
-    H: F64  # `plane_homography` from the pose that is drawn
-    rolled: RolledPlane | None  # how rows see it that are exposed at other times
-    all_rays: F32  # of the one pose, beginning a pixel outside the image
+    H: F64  # `plane_homography` from the camera's pose at the middle of the exposure
+    rolled: RolledPlane | None  # the same for rows exposed at other times; None: all at once
+    all_rays: F32  # of all pixels, and of one more on each side, (rows, columns, 2)
 
     def rays(self, block: Block) -> F32:
-        """Return the rays (rows, columns, 2) of a block of pixels to the plane."""
+        """Return the rays (rows, columns, 2) on which a block of pixels sees the plane.
+
+        They are those of the pose at the middle of the exposure.
+        """
         return self.all_rays[block] if self.rolled is None else self.rolled.rays(block)
 
     def corners(self, block: Block) -> F32:
-        """Return the first and last of each of `rays`, (2, 2, 2)."""
+        """Return the rays at the corners of a block, (2, 2, 2)."""
         if self.rolled is not None:
             return self.rolled.corners(block)
         rays = self.all_rays[block]
         return rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1]
 
     def straight(self, block: Block, texture: TextureLevel) -> tuple[F32, F32] | None:
-        """Return columns and rows of the texture that the block sees but for its border.
+        """Return columns and rows of the texture that a block sees, without the block's border.
 
-        None: they have to be found by way of the rays.
+        Both are (rows, columns) of the block. None: they must be computed from `rays`.
         """
         if self.rolled is None:
             return None
@@ -72,7 +75,13 @@ class _Plane:
         return self.rolled.texels((rows, columns), texture.from_pad() @ self.H)
 
     def texels(self, block: Block, texture: TextureLevel, *, border: bool) -> F32:
-        """Return where the block, with or without its border, meets the texture, (n, m, 2)."""
+        """Return column and row of the texture that each pixel of a block sees, (n, m, 2).
+
+        Args:
+            block: of pixels.
+            texture: of the pad.
+            border: whether the block's outermost pixels are included.
+        """
         straight = None if border else self.straight(block, texture)
         if straight is not None:
             return cast(F32, cv2.merge(straight))
@@ -90,26 +99,21 @@ class _Plane:
 
 @dataclass(frozen=True)
 class SeenPad:
-    """The pad in one picture.
+    """Where the pad is in one picture."""
 
-    Attributes:
-        box: that it lies within.
-        fills: nothing else is to be seen.
-    """
-
-    planes: tuple[_Plane, ...]  # the landing point's, and that of a folded plate's far part
-    box: Box
-    fills: bool
+    planes: tuple[_Plane, ...]  # that of the landing point, and of a folded plate's far part
+    box: Box  # of pixels that contains the pad
+    fills: bool  # whether the pad covers the whole picture
 
     @property
     def samples(self) -> int:
-        """A pixel, along x and along y."""
+        """Number of samples per pixel along x and along y."""
         left, top, right, bottom = self.box
         area = (right - left) * (bottom - top)
         return next((s for s in SAMPLINGS if s * s * area <= SAMPLE_BUDGET), 1)
 
     def rays(self, step: int) -> F32:
-        """Return every so many of the rays (rows, columns, 2) of pixels in the box."""
+        """Return the rays (rows, columns, 2) of every `step`-th pixel of the box."""
         left, top, right, bottom = self.box
         return self.planes[0].rays(
             (slice(top + 1, bottom + 1, step), slice(left + 1, right + 1, step))
@@ -128,15 +132,15 @@ class PadView:
         rays: F32,
         seed: int,
     ) -> None:
-        """Make the textures.
+        """Draw the textures.
 
         Args:
             layout: of the pad as it was printed.
-            pad: what has become of its print.
-            options: what shines and is wet on it.
+            pad: ink, dirt and fold of the print.
+            options: wetness and glare on it.
             frustum: of the camera.
-            rays: of all pixels and one more on every side.
-            seed: of what is random on the print.
+            rays: of all pixels and of one more on each side, (rows, columns, 2).
+            seed: of all that is random on the print.
 
         Raises:
             ValueError: the layout names a marker that does not exist.
@@ -148,20 +152,20 @@ class PadView:
         self._outline = self._plate if self._fold is None else self._fold.outline(self._plate)
 
     def holds(self, north: float, east: float) -> bool:
-        """Tell whether a point of the pad's plane is on the plate."""
+        """Tell whether a point of the pad's plane (north, east; m) is on the plate."""
         (n1, e0, _), _, (n0, e1, _), _ = self._plate
         return bool(n0 < north < n1 and e0 < east < e1)
 
     def seen(
         self, pose: CameraPose, pad: PadPose, readout: Readout | None, grid: RowGrid | None
     ) -> SeenPad | None:
-        """Look where the pad is in the picture; None: out of sight.
+        """Return where the pad is in the picture; None: it is out of sight.
 
         Args:
-            pose: that is drawn.
-            pad: where it lies then.
-            readout: what moved meanwhile, and
-            grid: the pixels' rows, if they are exposed at different times.
+            pose: of the camera at the middle of the exposure.
+            pad: its pose at that time.
+            readout: poses while the rows are read; None: all rows are exposed at once.
+            grid: the pixels' rows; None likewise.
         """
         places = [pad]
         if self._fold is not None:
@@ -170,7 +174,7 @@ class PadView:
         for place in places:
             H = plane_homography(pose, place)
             if H is None:
-                break  # from below the far part it is drawn flat
+                break  # the camera is below the far part: the plate is drawn flat
             rolled = None
             if readout is not None and grid is not None:
                 rolled = RolledPlane(grid, H, readout.homographies(grid, place, pad))
@@ -183,11 +187,11 @@ class PadView:
         return SeenPad(tuple(planes), box, fills)
 
     def _box(self, pose: CameraPose, pad: PadPose, rolled: RolledPlane | None) -> Box | None:
-        """Left, top, right, bottom of the pad in the image, None when it is out of sight."""
+        """Return the box of pixels that contains the pad; None: it is out of sight."""
         corners = self._frustum.clip(in_camera(pose, on_pad(pad, self._outline)))
         if len(corners) < 3:
             return None
-        # Between the corners the lens bends the plate's edges outwards.
+        # The lens may bend the plate's edges outwards between the corners.
         k = np.linspace(0.0, 1.0, 8, endpoint=False)[:, None, None]
         outline = (corners + k * (np.roll(corners, -1, axis=0) - corners)).reshape(-1, 3)
         pixels = self._camera.pixels(outline)
@@ -202,8 +206,8 @@ class PadView:
         return (left, top, right, bottom) if left < right and top < bottom else None
 
     def _covers(self, planes: Sequence[_Plane], block: Block) -> bool:
-        """Tell whether a block of pixels sees nothing but the plate."""
-        # Between the corners the lens bends the block's edges a little.
+        """Tell whether all pixels of a block see the plate."""
+        # The lens bends the block's edges a little between the corners.
         bend = 0.02 * float((self._plate[0] - self._plate[2]).max())
         (n1, e0, _), _, (n0, e1, _), _ = self._plate.tolist()
         for plane in planes:
@@ -222,16 +226,16 @@ class PadView:
         return True
 
     def draw(self, image: U8, seen: SeenPad, defocus: float, light: U8 | None) -> None:
-        """Draw the pad.
+        """Draw the pad into a picture.
 
-        A small one is drawn out of focus: a lens blurs before the pixels average, and the other
-        way round edges of a far ring would be off by some hundredths of a pixel.
+        A small pad is drawn out of focus: a lens blurs before pixels average, and in the reverse
+        order edges of a distant ring would be off by some hundredths of a pixel.
 
         Args:
-            image: what is round it.
-            seen: where it is.
-            defocus: sigma in pixels that a small one is drawn with.
-            light: that falls on the box, 255 all; None: all.
+            image: the picture of everything else, (height, width); changed.
+            seen: where the pad is.
+            defocus: sigma of the blur of a small pad, px.
+            light: on the box, (rows, columns), 255 is full light; None: full light everywhere.
         """
         left, top, right, bottom = seen.box
         H, levels = seen.planes[0].H, self._levels
@@ -259,7 +263,16 @@ class PadView:
         defocus: float,
         light: U8 | None,
     ) -> None:
-        """Draw the pad into part of the image, whose block of rays has one more on every side."""
+        """Draw the pad into some rows of its box.
+
+        Args:
+            part: these rows of the picture, within the box; changed.
+            seen: where the pad is.
+            block: of rays, with one more than `part` on each side.
+            texture: level of detail to draw from.
+            defocus: see `draw`.
+            light: on these rows; None: full light.
+        """
         samples = seen.samples
         where, second = self._texels(seen, block, texture)
 
@@ -281,9 +294,10 @@ class PadView:
         cv2.add(part, grey, dst=part)
 
     def _texels(self, seen: SeenPad, block: Block, texture: TextureLevel) -> tuple[F32, F32 | F64]:
-        """Return where the samples of a block meet the texture, as cv2.remap takes it.
+        """Return the texels that the samples of a block see, as cv2.remap takes them.
 
-        More than one sample a pixel fill the whole block, one a pixel the block without its border.
+        More than one sample per pixel fill the whole block; one per pixel, the block without its
+        border.
         """
         near, *far = seen.planes
         samples = seen.samples
@@ -295,7 +309,7 @@ class PadView:
             beyond = far[0].texels(block, texture, border=samples > 1)
             self._fold.bend(where, beyond, texture)
         if samples > 1:
-            # Within a pixel the way from ray to texel is straight.
+            # Within a pixel the map from rays to texels is linear enough.
             size = (where.shape[1] * samples, where.shape[0] * samples)
             where = cast(F32, cv2.resize(where, size, interpolation=cv2.INTER_LINEAR))
         return where, NO_SECOND_MAP

@@ -1,9 +1,9 @@
-"""What the gimballed camera sees: pad, ground, sky, shadows, and the vehicle's own legs.
+"""Draws what the simulated camera sees: pad, ground, sky, shadows, and the vehicle's own legs.
 
-Every picture is a pure function of its arguments and the seed. Edges of the pad are exact to a
-few hundredths of a pixel, because that is what the pose at 20 to 30 m hangs on: rays of all
-pixels are undistorted once, meet the pad's plane by a homography, and sample a texture of exact
-area averages, several samples a pixel while the pad is small.
+Every picture is a pure function of its arguments and the seed. Edges of the pad are exact to a few
+hundredths of a pixel, on which the pose at 20 to 30 m depends: the rays of all pixels are
+undistorted once, mapped to the pad's plane by a homography, and sample a texture of exact area
+averages, with several samples per pixel if the pad is small.
 """
 
 import math
@@ -39,9 +39,11 @@ from landerd.pad import PadLayout
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whole pixels
-STILL_PX = 0.15  # motion during the exposure that is not worth a filter
-WIDE_SPOT_PX = 1.5  # sigma from which a spot is blurred by rows and columns before it is drawn out
+# Least sigma of the spot that is moved along a motion's path, so that whole pixels sample it well.
+MOTION_SPOT_PX = 0.3
+STILL_PX = 0.15  # a shorter path of the image during the exposure is neglected
+# Sigma from which on the image is blurred by rows and columns before the spot is moved.
+WIDE_SPOT_PX = 1.5
 
 
 class Renderer:
@@ -56,15 +58,15 @@ class Renderer:
         sensor: SimCameraOptions | None = None,
         pad: PadOptions | None = None,
     ) -> None:
-        """Prepare rays, textures and noise; takes about 0.2 s.
+        """Prepare rays, textures and noise, in about 0.2 s.
 
         Args:
             layout: of the pad as it was printed.
-            camera: the true one.
-            options: of the scene, and of its light on the sensor.
+            camera: the true camera.
+            options: scene, light and noise.
             seed: of all that is random.
-            sensor: how the light becomes a picture; None: the ideal one.
-            pad: where it starts, what has become of its print; None: a new one at the origin.
+            sensor: from light to picture; None: an ideal sensor.
+            pad: where the pad starts, and the state of its print; None: a clean one at the origin.
 
         Raises:
             ValueError: the layout names a marker that does not exist, or the ground's photograph
@@ -75,7 +77,7 @@ class Renderer:
         self._camera = camera
         self._options = options
         self._frustum = Frustum(camera)
-        # One ray beyond each border, so that rays between pixels can be interpolated there too.
+        # One more ray beyond each border, so that rays between pixels can be interpolated there.
         x, y = np.arange(-1.0, camera.width + 1), np.arange(-1.0, camera.height + 1)
         self._pad = PadView(layout, pad, options, self._frustum, rays_at(camera, x, y), seed)
         self._ground = Ground(options, camera, layout, seed, pad.position_m)
@@ -100,12 +102,19 @@ class Renderer:
         exposure: Exposure | None = None,
         readout: Readout | None = None,
     ) -> U8:
-        """Return the picture (height, width) of an exposure from pose start to pose end.
+        """Return the picture (height, width) of one exposure.
 
-        The pad stands still meanwhile; the blur of a moving one is that of the camera's motion
-        relative to it. Without a vehicle there are no legs and no shadow of it. Without an exposure
-        the light is the illumination's; with a readout (of a renderer whose sensor has one) the
-        exposure is the middle row's.
+        Args:
+            frame_index: of the picture, which determines its noise.
+            start: pose of the camera at the start of the exposure, relative to the pad where it is
+                at the middle: the blur of a moving pad is that of the relative motion.
+            end: the same for the end of the exposure.
+            pad: its pose at the middle of the exposure.
+            vehicle: for its legs and shadow; None: neither is drawn.
+            exposure: time and gain; None: those that the illumination is set for.
+            readout: poses while the rows are read, for a renderer whose sensor is read row by row
+                or shakes; `start` and `end` are then those of the middle row. None: all rows are
+                exposed at once.
         """
         options = self._options
         pose = middle(start, end)
@@ -142,9 +151,9 @@ class Renderer:
     def _background(
         self, pose: CameraPose, pad: PadPose, defocus: float, readout: Readout | None
     ) -> tuple[U8, bool]:
-        """Ground with the pad on it, and whether it has yet to be brought out of focus.
+        """Return the picture of the ground and the pad, and whether it is still to be blurred.
 
-        defocus is the sigma in pixels that a small pad is drawn with.
+        `defocus` is the sigma of the blur, px, that is applied already if the pad is small.
         """
         seen = self._pad.seen(pose, pad, readout, self._grid)
         if seen is not None and seen.fills:
@@ -169,7 +178,10 @@ class Renderer:
         return self._ground.draw(H, rolled.rays(EVERYTHING))
 
     def _leaf_light(self, pose: CameraPose, pad: PadPose, seen: SeenPad) -> U8 | None:
-        """Return the light under leaves in the pad's box of the image, 255 all; None: no leaves."""
+        """Return the light under leaves in the pad's box, (rows, columns), 255 is full light.
+
+        None: there are no leaves, or the camera is not above the pad.
+        """
         leaves = self._ground.leaves
         if leaves is None:
             return None
@@ -184,7 +196,7 @@ class Renderer:
     # ---- shadows and blur ----------------------------------------------------------------------
 
     def _shaded_plane(self, vehicle: VehiclePose, pad: PadPose) -> PadPose:
-        """The plane that the vehicle's shadow falls on: the pad's, or the ground."""
+        """Return the plane on which the vehicle's shadow falls: the pad's, or the ground."""
         R = np.array(pad.R_local_pad).T
         light = R @ self._sunlight
         n, e, d = R @ (np.array(vehicle.position) - np.array(pad.position))
@@ -195,7 +207,10 @@ class Renderer:
         return PadPose((0.0, 0.0, self._options.ground_down_m), IDENTITY)
 
     def _motion(self, start: CameraPose, end: CameraPose, pose: CameraPose, pad: PadPose) -> F64:
-        """Path (2,) in pixels of the landing point, or of the image's middle, while exposed."""
+        """Return the path (2,), px, of the landing point in the image during the exposure.
+
+        If the landing point is out of view, it is the path of a point in the middle of the image.
+        """
         if start == end:
             return np.zeros(2)
         point = np.array([pad.position])
@@ -210,12 +225,12 @@ class Renderer:
 
 
 def drawn_out(image: U8, sigma: float, dx: float, dy: float) -> U8:
-    """Return an image blurred by a Gaussian spot drawn along (dx, dy) pixels; may change the image.
+    """Return an image blurred by a Gaussian and by motion along (dx, dy), px; may change the image.
 
-    A spot smaller than MOTION_SPOT_PX is taken for one of that size.
+    A `sigma` of the Gaussian below MOTION_SPOT_PX counts as that.
     """
     if sigma >= WIDE_SPOT_PX:
-        # Variances of blurs add up; a wide spot's own kernel would take ten times as long.
+        # Variances of blurs add up; one kernel for a wide spot would take ten times as long.
         blur(image, math.sqrt(sigma**2 - MOTION_SPOT_PX**2))
         sigma = MOTION_SPOT_PX
     kernel = motion_kernel(max(sigma, MOTION_SPOT_PX), dx, dy)
@@ -223,12 +238,15 @@ def drawn_out(image: U8, sigma: float, dx: float, dy: float) -> U8:
 
 
 def motion_kernel(sigma: float, dx: float, dy: float) -> F32:
-    """Return the blur (odd, odd) of a Gaussian spot drawn along (dx, dy) pixels, sum 1."""
+    """Return the kernel of a Gaussian blur, sigma in px, and motion along (dx, dy), px.
+
+    Both its sides are odd, and its sum is 1.
+    """
     steps = max(math.ceil(2 * math.hypot(dx, dy)), 2)
     t = (np.arange(steps) + 0.5) / steps - 0.5
 
     def spots(way: float) -> F64:
-        # Beyond 2.2 sigma less than 0.5 % of a spot's light falls on a pixel.
+        # Pixels beyond 2.2 sigma would each get less than 0.5 % of the spot's light.
         radius = max(round(2.2 * sigma + abs(way) / 2), 1)
         distances = np.arange(-radius, radius + 1.0)[:, None] - t * way
         return cast(F64, np.exp(-(distances**2) / (2 * sigma**2)))

@@ -1,9 +1,9 @@
-"""From the light in the image plane to the picture that a camera delivers.
+"""Turns the light in the image plane into the picture that a camera delivers.
 
-Order of a camera's own: lens (vignetting, dirt), exposure and gain, photons' and the amplifier's
+The order is that in a camera: lens (vignetting, dirt), exposure and gain, photon and amplifier
 noise, clipping at the full well, tone curve, sharpening, JPEG. Noise follows the photon transfer
-curve (Janesick, "Photon Transfer", 2007; EMVA 1288): its variance is that of the amplifier, times
-the gain squared, plus a part in proportion to light and gain.
+curve (Janesick, "Photon Transfer", 2007; EMVA 1288): its variance is that of the amplifier times
+the gain squared, plus a part proportional to light and gain.
 """
 
 import math
@@ -24,24 +24,25 @@ from landerd.camera_model import CameraModel
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-NOISE_MARGIN = 256  # offsets of the noise field to choose from, along x and along y
-WIDEST = 4.5  # standard deviations, of the noise as a table has it
-HALO_PX = 3  # side of the square whose mean an unsharp mask is against
+# Number of offsets along x and along y at which a picture takes its noise from a larger field.
+NOISE_MARGIN = 256
+WIDEST = 4.5  # largest noise in the table, standard deviations
+HALO_PX = 3  # side of the square whose mean the unsharp mask subtracts
 
 
 class Sensor:
-    """Exposes one picture after the other."""
+    """The sensor of one camera, which exposes one picture after another."""
 
     def __init__(
         self, camera: CameraModel, render: RenderOptions, options: SimCameraOptions, seed: int
     ) -> None:
-        """Prepare the light's map, noise and tables.
+        """Prepare the map of the light, the noise and the tables.
 
         Args:
-            camera: size, and where the lens's axis is.
+            camera: its size and principal point.
             render: light and noise.
             options: of the sensor.
-            seed: of noise, dirt, and the bearing of the light's gradient.
+            seed: of noise, dirt, and the direction of the light's gradient.
         """
         self._render = render
         self._options = options
@@ -53,7 +54,7 @@ class Sensor:
             math.sin(bearing) * np.linspace(-1.0, 1.0, h),
             math.cos(bearing) * np.linspace(-1.0, 1.0, w),
         )
-        # Light on the sensor against that on the scene.
+        # Light on the sensor over that of the scene.
         self._light = (render.illumination * (1.0 + render.gradient * ramp)).astype(np.float32)
         if options.vignetting > 0.0:
             self._light *= lens.vignetting(camera, options.vignetting)
@@ -64,7 +65,7 @@ class Sensor:
         self._is_ideal = _is_ideal(options)
         if self._is_ideal:
             noise = np.clip(np.rint(render.noise_sigma * noise), -255, 255)
-            # In two parts, each of the image's own type: a tenth of the time of signed noise.
+            # Two parts of the image's own type take a tenth of the time of signed noise.
             self._brighter = np.maximum(noise, 0.0).astype(np.uint8)
             self._darker = np.maximum(-noise, 0.0).astype(np.uint8)
         else:
@@ -79,9 +80,12 @@ class Sensor:
         self._jpeg = Jpeg(w, h, options.jpeg_quality) if options.jpeg_quality else None
 
     def expose(self, scene: U8, frame_index: int, exposure: Exposure | None = None) -> U8:
-        """Turn a scene (height, width), 255 full light, into the delivered picture, in place.
+        """Turn the light of a scene into the delivered picture, in place.
 
-        None: exposed as the illumination has it.
+        Args:
+            scene: light (height, width), 255 is full light; changed and returned.
+            frame_index: of the picture, which determines its noise.
+            exposure: time and gain; None: those that the illumination is set for.
         """
         offsets = random.Random(self._seed * 1_000_003 + frame_index)
         x, y = offsets.randrange(NOISE_MARGIN), offsets.randrange(NOISE_MARGIN)
@@ -91,7 +95,8 @@ class Sensor:
             cv2.add(scene, self._brighter[part], dst=scene)
             cv2.subtract(scene, self._darker[part], dst=scene)
         else:
-            # One index of level and draw: everything up to the tone curve is one table.
+            # Light and noise of a pixel make one index into a table of everything up to the tone
+            # curve.
             cv2.merge((self._draws[part], scene), dst=self._index)
             exposure = exposure or Exposure(self._options.exposure_s)
             cv2.LUT(self._index.view("<u2")[..., 0], self._table(exposure), dst=scene)
@@ -102,7 +107,7 @@ class Sensor:
         return scene
 
     def _table(self, exposure: Exposure) -> U8:
-        """Return grey levels (65536,) of 256 levels of light times 256 draws of the noise."""
+        """Return the grey levels (65536,) of 256 levels of light, each with 256 values of noise."""
         if self._table_of is not None and self._table_of[0] == exposure:
             return self._table_of[1]
         o, gain = self._options, np.float32(exposure.gain)
@@ -119,7 +124,7 @@ class Sensor:
 
 
 def _is_ideal(options: SimCameraOptions) -> bool:
-    """Whether light is grey level: no curve, and noise without level."""
+    """Tell whether grey levels are proportional to light, and noise does not depend on it."""
     return (
         options.tone == ToneOptions(gamma=options.tone.gamma)
         and options.black_level == 0.0
@@ -129,6 +134,6 @@ def _is_ideal(options: SimCameraOptions) -> bool:
 
 
 def _sharpen(image: U8, share: float) -> None:
-    """Add an unsharp mask in place: it lifts and lowers either side of an edge."""
+    """Sharpen an image in place: add a share of the unsharp mask."""
     soft = cv2.blur(image, (HALO_PX, HALO_PX), borderType=cv2.BORDER_REPLICATE)
     cv2.addWeighted(image, 1.0 + share, soft, -share, 0.0, dst=image)

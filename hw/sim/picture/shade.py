@@ -1,4 +1,4 @@
-"""Light that something beside the vehicle keeps off: leaves overhead, something tall."""
+"""Shadows that are not the vehicle's: of leaves overhead, and of something tall beside the pad."""
 
 import math
 from typing import cast
@@ -27,14 +27,14 @@ F32 = NDArray[np.float32]
 
 # ---- leaves ------------------------------------------------------------------------------------
 
-SHADED = 0.5  # share of the ground under leaves
-PERIOD_M = 16.0  # after about which leaves repeat
-FLECK = 4  # least texels along a fleck
-COARSEST = 16  # pixels of the picture between samples on the pad
+SHADED = 0.5  # share of the ground in shade
+PERIOD_M = 16.0  # distance after which the pattern repeats, about
+FLECK = 4  # least number of samples along a fleck of shade
+COARSEST = 16  # largest distance of samples on the pad, px of the picture
 
 
 class LeafShade:
-    """Dappled shade that lies still on the ground; a pad drives through it."""
+    """Dappled shade of leaves, which stays in place on the ground while a pad drives through it."""
 
     def __init__(
         self,
@@ -43,13 +43,14 @@ class LeafShade:
         corner_m: tuple[float, float],
         rng: np.random.Generator,
     ) -> None:
-        """Make the leaves.
+        """Make the pattern.
 
         Args:
-            options: share of the light lost, size of flecks.
-            size_m: of the ground's tile (2,), with which the leaves repeat.
-            corner_m: north, east where the tile begins.
-            rng: of the leaves.
+            options: share of the light lost, and size of the flecks.
+            size_m: north-south and east-west size of the ground's tile, m, (2,), which is a
+                multiple of the pattern's.
+            corner_m: north, east of the tile's first corner, local NED.
+            rng: source of the pattern.
         """
         self._repeats = np.maximum(np.round(size_m / PERIOD_M), 1).astype(int)
         period_m = float(size_m[0] / self._repeats[0])
@@ -58,9 +59,9 @@ class LeafShade:
         while block > 1.4 * flecks * 2 ** (octaves - 1):
             octaves += 1
         size = block * max(round(flecks * 2 ** (octaves - 1) / block), 1)
-        # Flecks lie in groups, as twigs and boughs are over each other.
+        # Flecks lie in groups, as leaves do on twigs and boughs.
         amplitudes = [0.0] * (octaves - 3) + [0.2, 0.6, 1.0, 0.7, 0.5]
-        # Each gap draws an image of the sun, so edges are as soft as flecks are small.
+        # Each gap projects an image of the sun, so that small flecks have soft edges.
         leaves = blotches(rng, size, amplitudes, SHADED, 0.8)
         self._light = np.rint(255.0 * (1.0 - options.leaf_shade * leaves)).astype(np.uint8)
         self._tile = Tile(self._light, period_m / size, corner_m)
@@ -68,15 +69,18 @@ class LeafShade:
         self._ground_down = options.ground_down_m
 
     def over(self, texture: U8) -> U8:
-        """Return the texture of the ground's tile under the leaves."""
+        """Return the texture of the ground's tile (rows, columns) in the shade."""
         light = np.tile(self._light, tuple(self._repeats))
         light = cast(U8, cv2.resize(light, texture.shape[::-1], interpolation=cv2.INTER_LINEAR))
         return cast(U8, cv2.multiply(texture, light, scale=1 / 255))
 
     def step(self, pose: CameraPose, pad: PadPose, focal: float) -> int:
-        """Return the pixels between samples on the pad: a few to a fleck will do.
+        """Return the distance of samples on the pad, px: a few for each fleck are enough.
 
-        focal is the focal length in pixels.
+        Args:
+            pose: of the camera.
+            pad: its pose.
+            focal: focal length, px.
         """
         apart_m = max(math.dist(pose.position, pad.position), 0.1) / focal
         return min(max(int(self._leaf_m / (FLECK * apart_m)), 1), COARSEST)
@@ -84,16 +88,16 @@ class LeafShade:
     def on_pad(
         self, pose: CameraPose, pad: PadPose, sunlight: F64, rays: F32, pitch: float
     ) -> U8 | None:
-        """Return the light, 255 all, on a pad where rays (rows, columns, 2) meet it.
+        """Return the light on a pad where rays meet it, (rows, columns), 255 is full light.
 
-        The pad is taken for level. None: the camera is not above it.
+        The pad counts as level. None: the camera is not above it.
 
         Args:
             pose: of the camera.
-            pad: where the pad lies.
-            sunlight: direction it travels, local NED (3,).
-            rays: that are followed.
-            pitch: distance of neighbouring rays.
+            pad: its pose.
+            sunlight: vector (3,) along which sunlight travels, local NED.
+            rays: on z = 1, (rows, columns, 2).
+            pitch: distance between neighbouring rays.
         """
         H = plane_homography(pose, self.plane(pad, sunlight))
         if H is None:
@@ -114,7 +118,14 @@ class LeafShade:
         return cast(U8, light)
 
     def plane(self, pad: PadPose, sunlight: F64) -> PadPose:
-        """Return the level plane through the pad, its origin under the same leaves as local's."""
+        """Return a level plane at the pad's height.
+
+        Its origin has the same leaves between it and the sun as the local frame's origin.
+
+        Args:
+            pad: its pose.
+            sunlight: vector (3,) along which sunlight travels, local NED.
+        """
         down = pad.position[2]
         way = (down - self._ground_down) / sunlight[2]
         north, east = (way * sunlight[:2]).tolist()
@@ -123,19 +134,21 @@ class LeafShade:
 
 # ---- the shadow's edge -------------------------------------------------------------------------
 
-REDUCED = (8, 4, 2)  # pixels of the picture to one of the shadow's: its edge is soft
-SPACING = 16  # pixels of the picture between rays that are followed
-SOFTEST = 4.0  # standard deviations from a shadow's edge to where it is full
-_PER_BYTE = SOFTEST / 128
+# Pixels of the picture along one of the shadow's, in order of preference: its edge is soft.
+REDUCED = (8, 4, 2)
+SPACING = 16  # distance of rays that are computed, px of the picture
+SOFTEST = 4.0  # distance from a shadow's edge at which it is full, standard deviations
+_PER_BYTE = SOFTEST / 128  # standard deviations per unit of a byte
 
-# Light that a shadow's edge keeps off, of bytes from -SOFTEST to SOFTEST standard deviations.
+# Darkness over that of the full shadow at -SOFTEST to SOFTEST standard deviations from its edge.
 _KEPT_OFF = [0.5 * (1.0 + math.erf((i - 128) * _PER_BYTE / math.sqrt(2.0))) for i in range(256)]
 
 
 class ShadowEdge:
-    """The shadow of something tall on one side of the pad; it goes with the pad."""
+    """The shadow of something tall that covers one side of the pad and moves with it."""
 
     def __init__(self, options: RenderOptions, camera: CameraModel) -> None:
+        """Take the place, softness and darkness of the shadow, and the camera."""
         self._size = (camera.width, camera.height)
         self._focal = camera.fx
         self._softness_m = options.shadow_softness_m
@@ -149,13 +162,13 @@ class ShadowEdge:
         self._light_of = np.rint(255.0 * (1.0 - kept_off)).astype(np.uint8)
 
     def darken(self, image: U8, pose: CameraPose, pad: PadPose) -> None:
-        """Darken an image (height, width) in place."""
+        """Darken an image (height, width) in place where the shadow falls."""
         H = plane_homography(pose, pad)
         if H is None:
             return
         apart_m = max(math.dist(pose.position, pad.position), 0.1) / self._focal
         reduced = next((r for r in REDUCED if r * apart_m <= self._softness_m), REDUCED[-1])
-        # Sharper than pixels show it would be jagged.
+        # An edge sharper than the shadow's pixels would be jagged.
         sigma_m = max(self._softness_m, 0.6 * reduced * apart_m)
         beyond, descent = (
             self._rays @ row[:2].astype(np.float32) + np.float32(row[2])
@@ -166,14 +179,14 @@ class ShadowEdge:
         shaded = cv2.boundingRect((deviations > 0.0).view(np.uint8))
         if not shaded[2]:
             return
-        # With what is not shaded all round, as there is no interpolating beyond the outermost.
+        # One more value on each side, to interpolate up to the shadow's edge.
         left, top = max(shaded[0] - 1, 0), max(shaded[1] - 1, 0)
         right, bottom = shaded[0] + shaded[2] + 1, shaded[1] + shaded[3] + 1
         k = SPACING // reduced
         few = cv2.resize(deviations[top:bottom, left:right], None, fx=k, fy=k)
         light = cv2.LUT(cv2.convertScaleAbs(np.maximum(few, 0.0)), self._light_of)
         whole = cv2.resize(light, None, fx=reduced, fy=reduced)
-        # The rays begin a spacing outside of the image.
+        # The rays begin one spacing outside the image.
         y, x = (top - 1) * SPACING, (left - 1) * SPACING
         whole = whole[max(-y, 0) :, max(-x, 0) :]
         y, x = max(y, 0), max(x, 0)
