@@ -1,7 +1,8 @@
 """A rolling shutter: each row of the picture is exposed a little later than the one above it.
 
-So each row has a pose of its own, and to a plane its own homography. Along a row everything is
-smooth: it is worked out at a few columns, and a polynomial through these gives the others.
+Each row therefore has its own pose, and its own homography to a plane. Along a row all values are
+smooth: they are computed at a few columns and interpolated by a polynomial. `renderer` and
+`pad_view` use it.
 """
 
 import math
@@ -21,50 +22,64 @@ from hw.sim.snapshot import PadPose, Snapshot
 from landerd.camera_model import CameraModel
 
 F32 = NDArray[np.float32]
-Block = tuple[slice, slice]  # of a grid: rows, columns
+Block = tuple[slice, slice]  # rows and columns of a grid
 EVERYTHING: Block = slice(None), slice(None)
 
-POSE_PERIOD_S = 0.005  # of the poses; what turns at 20 rad/s^2 leaves a line by 0.06 mrad between
-COLUMNS = 10  # of each row that the others follow from
-EVEN = 0.35  # depth of a row's nearest point to its furthest, from where a polynomial follows it
+# Time between poses that are interpolated linearly: of what turns at 20 rad/s^2 that is wrong by at
+# most 0.06 mrad.
+POSE_PERIOD_S = 0.005
+COLUMNS = 10  # number of columns of each row at which values are computed
+# Least depth of a row's nearest point over that of its farthest for which a polynomial is exact.
+EVEN = 0.35
 
 
 class Vibration:
-    """Turns the camera to and fro about its x and its y axis."""
+    """A vibration that turns the camera about its x and its y axis, as a sine of time."""
 
     def __init__(self, options: VibrationOptions, rng: Random) -> None:
-        """Take amplitude and frequency, and draw the two phases."""
+        """Take amplitude and frequency, and draw a random phase for each axis."""
         self._amplitude = math.radians(options.deg)
         self._hz = options.hz
         self._phases = np.array([rng.uniform(0.0, 2.0 * math.pi) for _ in range(2)])
 
     def turns(self, t: F64, exposure_s: float = 0.0) -> F64:
-        """Return the angles about x and y (n, 2), rad: means over an exposure about each t (n,)."""
+        """Return the angles about x and y, rad, (n, 2), each the mean over an exposure.
+
+        Args:
+            t: middles of the exposures, s, (n,).
+            exposure_s: length of each.
+        """
         angles = np.sin(2.0 * math.pi * self._hz * t[:, None] + self._phases)
         turns: F64 = self._amplitude * _kept(self._hz * exposure_s) * angles
         return turns
 
     def shaking(self, exposure_s: float) -> float:
-        """Standard deviation of either angle about `turns`, rad, over all phases.
+        """Return the standard deviation of either angle about its mean in an exposure, rad.
 
-        Of a sine's mean square, a half, its mean over an exposure keeps sinc(f T)^2.
+        A sine's mean square is 1/2; of that, the mean over an exposure T keeps sinc(f T)^2.
         """
         kept = _kept(self._hz * exposure_s) ** 2
         return self._amplitude * math.sqrt(max(1.0 - kept, 0.0) / 2)
 
 
-@lru_cache(maxsize=1)  # asked for several times of one picture
+@lru_cache(maxsize=1)  # it is needed several times for each picture
 def _kept(turned: float) -> float:
-    """Return what a mean over so many turns of a sine leaves of it."""
+    """Return the factor on a sine's amplitude by averaging over a number of its periods."""
     return float(np.sinc(turned))
 
 
 class RowGrid:
-    """The pixels of a picture, as rays through a few columns of each row."""
+    """The rays of a picture's pixels at a few columns of each row."""
 
     def __init__(self, camera: CameraModel, x: F64, y: F64) -> None:
-        """Take the places of columns x (m,) and rows y (n,) in pixels, ascending."""
-        # Through Chebyshev's points a polynomial does not swing.
+        """Compute the rays.
+
+        Args:
+            camera: the true one.
+            x: columns of the grid, px, ascending, (m,).
+            y: rows of the grid, px, ascending, (n,).
+        """
+        # A polynomial through Chebyshev's points does not oscillate.
         angles = math.pi * (np.arange(COLUMNS) + 0.5) / COLUMNS
         nodes = (x[0] + x[-1]) / 2 - (x[-1] - x[0]) / 2 * np.cos(angles)
         pixels = np.stack(np.meshgrid(nodes, y), axis=-1)
@@ -72,11 +87,11 @@ class RowGrid:
         depth = np.ones((len(y), COLUMNS, 1))
         rays = np.concatenate([rays, depth], axis=-1).transpose(0, 2, 1)
         self.rays = np.ascontiguousarray(rays)  # (n, 3, COLUMNS)
-        self.rows = (y - (camera.height - 1) / 2) / camera.height  # from -0.5 to 0.5
+        self.rows = (y - (camera.height - 1) / 2) / camera.height  # -0.5 (top) to 0.5, (n,)
         self.nodes = nodes
         self.top = float(y[0])
         self.focal = np.array([camera.fx, camera.fy])
-        # Lagrange's polynomials at the columns, in the barycentric form.
+        # Values of Lagrange's polynomials at the columns x, in the barycentric form.
         scaled = 4.0 / (x[-1] - x[0]) * nodes
         weights = 1.0 / (scaled[:, None] - scaled + np.eye(COLUMNS)).prod(axis=1)
         parts = weights[:, None] / (x - nodes[:, None] + 1e-9)
@@ -84,10 +99,13 @@ class RowGrid:
         self._weights: dict[int, F64] = {}
 
     def weights(self, k: int) -> F64:
-        """Return (n, k): what each row takes of k values at equal steps from first to last."""
+        """Return the weights (n, k) of linear interpolation between k values at equal steps.
+
+        The first value is that of the image's first row, the last that of its last row.
+        """
         if k not in self._weights:
             at = (self.rows + 0.5)[:, None] * (k - 1)
-            # Beyond the first and the last row it goes on in a straight line.
+            # Rows beyond the first and the last are extrapolated linearly.
             before = np.clip(np.floor(at), 0, max(k - 2, 0))
             share = (at - before) * (k > 1)
             places = np.arange(k)
@@ -97,14 +115,15 @@ class RowGrid:
 
 @dataclass(frozen=True)
 class Readout:
-    """What moved while one picture was read.
+    """The motion of camera and pad while one picture is read.
 
     Attributes:
         t: middle of the exposure of the middle row, s.
-        readout_s: from the first row to the last.
-        exposure_s: of each row.
-        snapshots: the world at equal steps from the first row to the last; one: nothing moved.
-        vibration: of the camera, beside its poses in the snapshots.
+        readout_s: time from the exposure of the first row to that of the last.
+        exposure_s: exposure time of each row.
+        snapshots: the world at equal steps from the first row to the last; a single one: nothing
+            moves.
+        vibration: of the camera, in addition to its poses in the snapshots; None: there is none.
     """
 
     t: float
@@ -114,15 +133,16 @@ class Readout:
     vibration: Vibration | None = None
 
     def homographies(self, grid: RowGrid, plane: PadPose, pad: PadPose | None) -> F64:
-        """Return those from rays to the plane, (rows, 3, 3), each as `plane_homography` has it.
+        """Return each row's `plane_homography` from rays to a plane, (rows, 3, 3).
 
         Args:
             grid: the rows.
-            plane: where it lies at the middle.
-            pad: likewise, for a plane that goes with the pad; None: for one that stands still.
+            plane: pose of the plane at the middle of the exposure.
+            pad: pose of the pad at that time, for a plane that moves with it; None: the plane
+                stands still.
         """
         c, d = self._from_plane(plane, pad)
-        height = np.minimum(c[:, 2:], -1e-3)  # beneath the plane there is nothing to see
+        height = np.minimum(c[:, 2:], -1e-3)  # a lens below the plane counts as just above it
         north = c[:, :1] * d[:, 2] - height * d[:, 0]
         east = c[:, 1:2] * d[:, 2] - height * d[:, 1]
         shots = np.concatenate([north, east, d[:, 2]], axis=1)
@@ -133,7 +153,10 @@ class Readout:
         return H
 
     def _from_plane(self, plane: PadPose, pad: PadPose | None) -> tuple[F64, F64]:
-        """Return lens (k, 3) and R_plane_camera (k, 3, 3) of each snapshot."""
+        """Return the lens's position (k, 3), m, and R_plane_camera (k, 3, 3) in each snapshot.
+
+        Both are in the frame of the plane; arguments are those of `homographies`.
+        """
         cameras, looks, pads, turned = self.poses
         position, R = np.array(plane.position), matrix(plane.R_local_pad)
         if pad is None:
@@ -145,12 +168,12 @@ class Readout:
 
     @property
     def shaking(self) -> float:
-        """Standard deviation of the camera's turn about either axis during an exposure, rad."""
+        """Standard deviation of the camera's angle about either axis in an exposure, rad."""
         return self.vibration.shaking(self.exposure_s) if self.vibration is not None else 0.0
 
     @cached_property
     def poses(self) -> tuple[F64, F64, F64, F64]:
-        """Position (k, 3), rotation (k, 3, 3) of the camera, and of the pad, at each snapshot."""
+        """Position (k, 3) and rotation (k, 3, 3) of the camera and of the pad in each snapshot."""
         cameras = [s.camera for s in self.snapshots]
         pads = [s.pad for s in self.snapshots]
         return (
@@ -162,22 +185,28 @@ class Readout:
 
 
 class RolledPlane:
-    """A plane seen through a rolling shutter, against how it is seen from one pose."""
+    """Relates how a rolling shutter sees a plane to how it is seen from a single pose."""
 
     def __init__(self, grid: RowGrid, H: F64, rows: F64) -> None:
-        """Take the homographies from rays to the plane: of the one pose, and of each row."""
+        """Take the homographies to the plane.
+
+        Args:
+            grid: the rows.
+            H: `plane_homography` of the single pose, (3, 3).
+            rows: that of each row, (rows, 3, 3).
+        """
         self._grid = grid
         self._to_pose = np.linalg.inv(H) @ rows
 
     def rays(self, block: Block) -> F32:
-        """Return the one pose's rays (n, m, 2) to what a block of pixels sees."""
+        """Return the rays (n, m, 2) of the single pose to the points that a block sees."""
         rows, columns = block
         x, y = _divided(self._to_pose[rows] @ self._grid.rays[rows])
         basis = self._grid.basis[:, columns]
         return cast(F32, cv2.merge((_spread(x, basis), _spread(y, basis))))
 
     def corners(self, block: Block) -> F32:
-        """Return the first and last of each of `rays`, (2, 2, 2)."""
+        """Return those of `rays` at the corners of a block, (2, 2, 2)."""
         rows, columns = block
         ends = [0, -1]
         seen = _divided(self._to_pose[rows][ends] @ self._grid.rays[rows][ends])
@@ -185,10 +214,13 @@ class RolledPlane:
         return np.stack([part @ basis for part in seen], axis=-1)
 
     def texels(self, block: Block, to_texels: F64) -> tuple[F32, F32] | None:
-        """Return the texture's columns and rows (n, m) that a block of pixels sees.
+        """Return the columns and the rows (n, m) of the texture that a block of pixels sees.
 
-        to_texels leads from the one pose's rays to texels, (3, 3). None: the plane is so steep that
-        `rays` are needed.
+        None: the plane is so steep that they must be computed from `rays`.
+
+        Args:
+            block: of pixels.
+            to_texels: homography (3, 3) from the single pose's rays to texels.
         """
         rows, columns = block
         seen = (to_texels @ self._to_pose[rows]) @ self._grid.rays[rows]
@@ -200,7 +232,7 @@ class RolledPlane:
         return _spread(u, basis), _spread(v, basis)
 
     def moved(self, pixels: F64) -> F64:
-        """Return where points of the one pose's picture (n, 2) are seen, to some tenths."""
+        """Return where points (n, 2), px, of the single pose's picture are seen, to some 0.1 px."""
         grid = self._grid
         seen = pixels
         for _ in range(2):
@@ -214,7 +246,7 @@ class RolledPlane:
 
 
 def _across(turns: F64) -> F64:
-    """Return the matrices (n, 3, 3) of the cross product with rotations (n, 2) about x and y."""
+    """Return the matrices (n, 3, 3) of the vector product with rotations (n, 2) about x and y."""
     x, y = turns.T
     zero = np.zeros_like(x)
     rows = [[zero, zero, y], [zero, zero, -x], [-y, x, zero]]
@@ -222,9 +254,9 @@ def _across(turns: F64) -> F64:
 
 
 def _spread(nodes: F32, basis: F32) -> F32:
-    """Return nodes (n, COLUMNS) times basis (COLUMNS, m).
+    """Return nodes (n, COLUMNS) times basis (COLUMNS, m), some rows at a time.
 
-    Some rows at a time: so small a product OpenBLAS begins no threads for, they cost more than it.
+    OpenBLAS starts no threads for such small products; the threads would cost more than they save.
     """
     whole = np.empty((len(nodes), basis.shape[1]), np.float32)
     rows = max(SMALL_PRODUCT // basis.size, 1)
@@ -234,6 +266,6 @@ def _spread(nodes: F32, basis: F32) -> F32:
 
 
 def _divided(seen: F64) -> tuple[F32, F32]:
-    """Return x and y (n, k) of homogeneous points (n, 3, k)."""
+    """Return x and y, (n, k) each, of homogeneous points (n, 3, k)."""
     depth = seen[:, 2]
     return (seen[:, 0] / depth).astype(np.float32), (seen[:, 1] / depth).astype(np.float32)

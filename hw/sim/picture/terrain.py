@@ -1,10 +1,10 @@
 """Procedural grounds: meadow, gravel, paving, tree canopy, flat roof, car park, water.
 
-Each is one texture that repeats without a seam. Grey levels are reflectances against the pad's
-white (linear light; a camera's tone curve lifts the dark ones). Means, contrasts and spectra were
-set by photographs of such grounds at 5 to 50 mm a pixel. The reflectances are those of
-photographs with a white pad in them (grass 0.14 of the white), and of Oke, "Boundary Layer
-Climates" (1987), table 1.1.
+Each is one texture that repeats without a seam. Reflectances are relative to the pad's white; grey
+levels are proportional to them (a camera's tone curve brightens dark ones later). Means, contrasts
+and spectra were set by photographs of such grounds with 5 to 50 mm per pixel. The reflectances are
+those of photographs with a white pad in them (grass 0.14 of the white), and of Oke, "Boundary Layer
+Climates" (1987), table 1.1. `ground` draws them.
 """
 
 import math
@@ -24,14 +24,14 @@ Rng = np.random.Generator
 Point = tuple[float, float]  # x, y in texels
 
 SIZE = 2048  # texels along a side
-TEXEL_M = 0.008
-_PER_BYTE = 1 / 64  # of the logarithm of a reflectance
-_BITS = 4  # of a texel in the coordinates of what is drawn
-_SHADE = 0.35  # of the light is left in the shadow of things that stand on the ground
+TEXEL_M = 0.008  # side of a texel
+_PER_BYTE = 1 / 64  # logarithm of a reflectance per unit of a byte
+_BITS = 4  # fractional bits of the coordinates that OpenCV draws at
+_SHADE = 0.35  # share of the light left in the shadow of things on the ground
 
 
 def meadow(rng: Rng) -> U8:
-    """Uncut grass: tangled blades, bright straw over dark gaps, greener and drier patches."""
+    """Return uncut grass: tangled blades, bright straw over dark gaps, green and dry patches."""
     field = cloud(rng, SIZE, (0.25, 0.27, 0.22, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12))
     blades = _bytes(field)
     for log in np.linspace(-0.75, 1.0, 12):
@@ -41,7 +41,7 @@ def meadow(rng: Rng) -> U8:
 
 
 def gravel(rng: Rng) -> U8:
-    """Crushed stone, with larger stones on it and finer patches."""
+    """Return crushed stone, with larger stones on it and finer patches."""
     field = cloud(rng, SIZE, (0.2, 0.24, 0.18, 0.12, 0.09, 0.1, 0.1, 0.12, 0.12))
     texture = _developed(_bytes(field), 0.28)
     for _ in range(4):
@@ -52,7 +52,7 @@ def gravel(rng: Rng) -> U8:
 
 
 def paving(rng: Rng) -> U8:
-    """Slabs or bricks of concrete in a bond, no two alike; dark joints, stains."""
+    """Return slabs or bricks of concrete of different greys in a bond; dark joints, stains."""
     rows, columns = ((32, 32), (64, 64), (128, 64))[rng.integers(3)]
     height, width = SIZE // rows, SIZE // columns
     slabs = rng.normal(0.0, 0.1, (rows, columns)).astype(np.float32)
@@ -67,7 +67,7 @@ def paving(rng: Rng) -> U8:
 
 
 def canopy(rng: Rng) -> U8:
-    """Crowns of trees from above: lit clusters of leaves, their shadows, black gaps between."""
+    """Return tree crowns from above: lit clusters of leaves, their shadows, black gaps between."""
     small = SIZE // 16
     crowns = np.zeros((small, small), np.float32)
     y, x = np.indices((small, small), np.float32)
@@ -79,7 +79,7 @@ def canopy(rng: Rng) -> U8:
         np.maximum(crowns, rng.uniform(0.6, 1.3) * np.maximum(dome, 0.0), out=crowns)
     boughs = crowns + cloud(rng, small, (0.12, 0.2, 0.2, 0.1))
     leaves = cloud(rng, SIZE // 2, (0.45, 0.6, 0.6, 0.4, 0.2))
-    # Lit where it rises towards the light, and the more of the sky a leaf sees.
+    # Leaves are brighter where the crown rises towards the light, and where they see more sky.
     lit = 1.5 * (boughs - np.roll(boughs, (1, 1), axis=(0, 1))) + 1.0 * boughs
     lit_leaves = 0.25 * leaves + 0.3 * (leaves - np.roll(leaves, (2, 1), axis=(0, 1)))
     field = enlarged(enlarged(enlarged(lit - lit.mean())))
@@ -88,7 +88,7 @@ def canopy(rng: Rng) -> U8:
 
 
 def roof(rng: Rng) -> U8:
-    """Flat roof: sheets with laps, repairs, stains of ponds, vents, drains and skylights."""
+    """Return a flat roof: sheets with laps, repairs, stains of puddles, vents and skylights."""
     mean, grain = ((0.5, 0.04), (0.16, 0.1))[rng.integers(2)]  # a light membrane, or bitumen
     field = cloud(rng, SIZE, (grain, grain, grain / 2, 0.03, 0.03, 0.05, 0.06, 0.08, 0.1))
     sheet = 128  # 1.02 m
@@ -117,15 +117,15 @@ def roof(rng: Rng) -> U8:
 
 
 def car_park(rng: Rng) -> U8:
-    """Asphalt with painted bays on either side of a lane, cars, manholes, a tyre, oil.
+    """Return asphalt with painted bays on both sides of a lane, cars, manholes, a tyre, oil.
 
     The lane is in the middle of the texture.
     """
     field = cloud(rng, SIZE, (0.1, 0.06, 0.04, 0.03, 0.03, 0.05, 0.06, 0.06, 0.05))
     _cracks(field, rng)
     texture = _developed(_bytes(field), 0.2)
-    depth = round(5.2 / TEXEL_M)  # of a bay; the lane's width is what two leave, 6 m
-    edges = np.linspace(0.0, SIZE, 8).astype(int)  # of bays 2.3 m wide
+    depth = round(5.2 / TEXEL_M)  # of a bay, texels; two bays leave 6 m for the lane
+    edges = np.linspace(0.0, SIZE, 8).astype(int)  # sides of bays of 2.3 m, texels
     worn = _developed(_bytes(0.2 * cloud(rng, SIZE, (1.0, 0.8, 0.6, 0.5, 0.4))), 0.5)
     for x in edges[:-1]:
         for row in (slice(0, depth), slice(SIZE - depth, SIZE)):
@@ -145,13 +145,13 @@ def car_park(rng: Rng) -> U8:
 
 
 def water(rng: Rng) -> U8:
-    """Water in a breeze: dark, faint waves, a few glints of the sky."""
+    """Return water in a breeze: dark, with faint waves and a few glints of the sky."""
     swell = cloud(rng, SIZE, (0.1, 0.25, 0.4, 0.5, 0.5, 0.4, 0.3))
     waves = swell - np.roll(swell, (2, 5), axis=(0, 1))
     waves += 0.5 * (swell - np.roll(swell, (6, 15), axis=(0, 1)))
     waves *= np.float32(0.08 / waves.std())
     waves += 0.1 * cloud(rng, SIZE, (0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4))
-    # The steepest facets mirror brighter parts of the sky.
+    # The steepest facets reflect brighter parts of the sky.
     np.add(waves, 1.2, out=waves, where=waves > np.quantile(waves[::4, ::4], 0.9993))
     return _developed(_bytes(waves), 0.055)
 
@@ -171,13 +171,13 @@ TERRAINS: Mapping[str, Callable[[Rng], U8]] = {
 
 
 def _bytes(field: F32) -> U8:
-    """Return the logarithm of reflectances against an unknown mean in bytes, 128 for 0."""
+    """Return logarithms of reflectances (over any factor) as bytes: 128 is 0, see `_PER_BYTE`."""
     scaled = cv2.convertScaleAbs(np.clip(field, -1.99, 1.98), alpha=1 / _PER_BYTE, beta=128.0)
     return cast(U8, scaled)
 
 
 def _developed(logs: U8, mean: float) -> U8:
-    """Return the grey levels of logarithms of reflectances, of a given mean."""
+    """Return grey levels by `_bytes` of reflectances, which get a given mean."""
     reflectance = np.exp((np.arange(256) - 128) * _PER_BYTE)
     counts = cv2.calcHist([logs], [0], None, [256], [0, 256]).ravel()
     reflectance *= mean * counts.sum() / (counts @ reflectance)
@@ -189,12 +189,20 @@ def _developed(logs: U8, mean: float) -> U8:
 
 
 def _rolled(texture: U8, rng: Rng) -> U8:
-    """Return the texture moved by a random way: no border is always where nothing is drawn."""
+    """Return the texture shifted at random, so that drawing spares another border each time."""
     return np.roll(texture, rng.integers(0, SIZE, 2), axis=(0, 1))
 
 
 def _strokes(logs: U8, rng: Rng, count: int, lengths: tuple[float, float], log: float) -> None:
-    """Draw straight blades of one brightness; lengths in texels, from least to most."""
+    """Draw straight blades of one brightness.
+
+    Args:
+        logs: `_bytes` of reflectances; changed.
+        rng: source of places, directions and lengths.
+        count: number of blades.
+        lengths: the least and the largest, texels.
+        log: logarithm of their reflectance.
+    """
     length = rng.uniform(*lengths, count)
     angle = rng.uniform(0.0, math.pi, count)
     half = 0.5 * length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -205,7 +213,7 @@ def _strokes(logs: U8, rng: Rng, count: int, lengths: tuple[float, float], log: 
 
 
 def _stone(texture: U8, at: Point, rng: Rng) -> None:
-    """Draw a stone, its lower right in shadow."""
+    """Draw a stone with a shadow to its lower right."""
     axes = tuple((rng.uniform(1.0, 5.0) * rng.uniform(0.6, 1.0, 2) * 2**_BITS).astype(int))
     turn, grey = float(rng.uniform(0, 180)), float(rng.uniform(0.15, 0.6) * WHITE)
     for (x, y), level in (((at[0] + 1.5, at[1] + 1.5), 0.2 * grey), (at, grey)):
@@ -214,19 +222,28 @@ def _stone(texture: U8, at: Point, rng: Rng) -> None:
 
 
 def _disc(texture: U8, at: Point, radius: float, reflectance: float, line: int = -1) -> None:
-    """Draw a disc, or with a line's width in texels a circle."""
+    """Draw a disc or a circle.
+
+    Args:
+        texture: grey levels; changed.
+        at: centre, texels.
+        radius: texels.
+        reflectance: of the disc.
+        line: width of a circle's line, texels; -1: a disc.
+    """
     centre = (round(at[0] * 2**_BITS), round(at[1] * 2**_BITS))
     grey = (float(reflectance * WHITE),)
     cv2.circle(texture, centre, round(radius * 2**_BITS), grey, line, cv2.LINE_AA, _BITS)
 
 
 def _polygon(texture: U8, corners: NDArray[np.float64], reflectance: float) -> None:
+    """Draw a convex polygon by its corners (n, 2), texels."""
     points = np.rint(corners * 2**_BITS).astype(np.int32)
     cv2.fillConvexPoly(texture, points, (float(reflectance * WHITE),), cv2.LINE_AA, _BITS)
 
 
 def _manhole(texture: U8, at: Point) -> None:
-    """Draw a cover of 0.6 m in its frame."""
+    """Draw a manhole cover 0.6 m across in its frame."""
     radius = 0.3 / TEXEL_M
     _disc(texture, at, 1.13 * radius, 0.14)
     _disc(texture, at, radius, 0.05)
@@ -236,7 +253,7 @@ def _manhole(texture: U8, at: Point) -> None:
 
 
 def _tyre(texture: U8, at: Point) -> None:
-    """Draw a wheel that lies on the ground, 0.64 m across, its rim bright."""
+    """Draw a wheel with a bright rim, 0.64 m across, that lies on the ground."""
     radius = 0.32 / TEXEL_M
     _disc(texture, (at[0] + 8, at[1] + 8), radius, 0.06)
     _disc(texture, at, radius, 0.03)
@@ -248,7 +265,7 @@ def _tyre(texture: U8, at: Point) -> None:
 
 
 def _car(texture: U8, at: Point, rng: Rng) -> None:
-    """Draw a car of about 4.4 by 1.8 m along y from above: body, glass, shadow."""
+    """Draw a car of about 4.4 by 1.8 m from above, along y: body, windows, shadow."""
     half = np.array([0.9, 2.2]) / TEXEL_M * rng.uniform(0.93, 1.07)
     paint = float(rng.choice((0.03, 0.06, 0.12, 0.3, 0.55, 0.8)))
     nose = rng.choice((-1.0, 1.0))
@@ -269,7 +286,7 @@ def _car(texture: U8, at: Point, rng: Rng) -> None:
 
 
 def _cracks(field: F32, rng: Rng) -> None:
-    """Draw dark cracks that wander across the logarithms of reflectances."""
+    """Draw dark winding cracks into logarithms of reflectances."""
     for _ in range(12):
         steps = rng.normal(0.0, 9.0, (60, 2)) + rng.normal(0.0, 7.0, 2)
         way = rng.uniform(300, SIZE - 300, 2) + np.cumsum(steps, axis=0)

@@ -1,4 +1,4 @@
-"""A texture that repeats on a horizontal plane, as a camera sees it."""
+"""Draws a horizontal plane with a repeating texture as a camera sees it: the ground."""
 
 import math
 from typing import NamedTuple, cast
@@ -13,28 +13,36 @@ from landerd.camera_model import CameraModel
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-LEVELS = 7  # of detail, each of half the resolution of the one before
-LEAST_DESCENT = 0.02  # of a ray, per unit of depth, that still meets what can be seen
-BANDS = 5  # of a coarse picture, each drawn from one level of detail
-ROWS = 80  # of a fine picture drawn from one level of detail
-SPACING = 8  # pixels of a fine picture between rays that are followed
-LARGEST = 2048  # texels of a tile that is repeated twice at its full resolution
+LEVELS = 7  # number of levels of detail, each with half the resolution of the one before
+# Least descent of a ray per unit of depth; flatter ones meet the plane too far away to be seen.
+LEAST_DESCENT = 0.02
+BANDS = 5  # number of bands of a coarse picture, each drawn from one level of detail
+ROWS = 80  # rows of a fine picture that are drawn from one level of detail
+SPACING = 8  # distance of the rays that are computed for a fine picture, px
+LARGEST = 2048  # largest tile, texels, that is repeated twice at its full resolution
 
 
 class Tile:
-    """A texture that repeats, in falling resolution.
+    """A repeating texture in decreasing resolution.
 
     Attributes:
         texel_m: side of a texel of the finest level.
-        size_m: of the tile, rows to the north, columns to the east.
-        corner_m: north, east of the first texel's outer corner.
-        levels: the texture, repeated so often that samples seldom lie beyond it: they are slow.
+        size_m: north-south and east-west size of the tile, (2,).
+        corner_m: north, east of the first texel's outer corner, local NED, (2,).
+        levels: the texture of each level of detail; rows count to the north, columns to the east.
+            It is repeated in the array so often that samples seldom lie outside, which is slow.
     """
 
     def __init__(
         self, texture: U8, texel_m: float, corner_m: tuple[float, float] = (0.0, 0.0)
     ) -> None:
-        """Take a texture whose sides are divisible by 2**(LEVELS - 1)."""
+        """Make the levels of detail.
+
+        Args:
+            texture: grey levels (rows, columns), both divisible by 2**(LEVELS - 1).
+            texel_m: side of a texel.
+            corner_m: north, east of the first texel's outer corner, local NED.
+        """
         self.texel_m = texel_m
         self.size_m = np.array(texture.shape) * texel_m
         self.corner_m = np.array(corner_m)
@@ -46,9 +54,14 @@ class Tile:
             texture = cast(U8, cv2.resize(texture, size, interpolation=cv2.INTER_AREA))
 
     def to_texels(self, level: int, about: F64) -> F64:
-        """Return the matrix (3, 3) from north, east to a level's texels near a place (2,)."""
+        """Return the matrix (3, 3) from (north, east, 1), m, to texels (column, row, 1).
+
+        Args:
+            level: of detail.
+            about: north, east of a place in view, m, (2,): near it texels lie within the array.
+        """
         texel = self.texel_m * 2**level
-        # Whole tiles off the coordinates bring them to the middle of the repeated texture.
+        # Shifted by whole tiles, the place comes to the middle of the repeated texture.
         middle_m = texel * np.array(self.levels[level].shape) / 2
         tiles = np.round((about - self.corner_m - middle_m) / self.size_m)
         north, east = (self.corner_m + tiles * self.size_m).tolist()
@@ -65,28 +78,28 @@ class _Sampling(NamedTuple):
     """How part of a picture is drawn."""
 
     level: int  # of detail
-    interpolation: int  # OpenCV's
-    halved: bool  # at every second pixel along each side, smoothed between
+    interpolation: int  # OpenCV's constant
+    halved: bool  # sampled at every second pixel along each side, and interpolated between
 
 
 class TexturedPlane:
-    """Draws the plane into pictures of one size.
+    """Draws the plane into pictures of one camera.
 
     Attributes:
-        shape: rows and columns of the pictures.
-        x, y: columns and rows of the camera's image whose rays are followed.
-        rays: (rows, columns, 2) there.
+        shape: numbers of rows and columns of the pictures.
+        x, y: columns and rows of the camera's image at which rays are computed, px.
+        rays: those rays, (rows, columns, 2).
     """
 
     def __init__(self, tile: Tile, camera: CameraModel, *, fine: bool) -> None:
-        """Follow the rays.
+        """Compute the rays.
 
         Args:
             tile: the texture.
-            camera: whose image a picture fills.
-            fine: a pixel of the picture is one of the camera's, else two along each side. Then
-                places are interpolated between some of the pixels, and small texels sampled singly:
-                that makes up for the time.
+            camera: the true one.
+            fine: whether pictures have the camera's resolution, else half of it. To save time, a
+                fine picture's places on the plane are interpolated between some pixels, and small
+                texels are sampled without interpolation.
         """
         self._tile, self._fine = tile, fine
         reduced, self._spacing = (1, SPACING) if fine else (2, 1)
@@ -101,10 +114,12 @@ class TexturedPlane:
         self._pitch = abs(float(middle[half] - middle[0])) / half / self._spacing
 
     def draw(self, H: F64, beyond: int, rays: F32 | None = None) -> U8:
-        """Return the picture for a `plane_homography` H.
+        """Return a picture of the plane.
 
-        Rays that do not meet the plane, or only far away, are drawn in the grey `beyond`. In place
-        of the camera's own rays through x and y others may be given.
+        Args:
+            H: `plane_homography` to the plane.
+            beyond: grey level of rays that do not meet the plane, or only far away.
+            rays: used instead of the camera's own at `x` and `y`, (rows, columns, 2).
         """
         rays = self.rays if rays is None else rays
         det = float(np.linalg.det(H))
@@ -129,25 +144,32 @@ class TexturedPlane:
         return image
 
     def _sampling(self, apart_m: float) -> _Sampling:
-        """Return how to sample at places so far apart."""
+        """Return how to sample places that are this far apart."""
         texel_m = self._tile.texel_m
         if not self._fine:
             level = level_of_detail(apart_m, texel_m, LEVELS)
             return _Sampling(level, cv2.INTER_LINEAR, halved=False)
-        # Texels of half a sample to a whole one; the finest may be larger.
+        # Texels of half to once the distance of samples; those of the finest level may be larger.
         level = level_of_detail(apart_m / math.sqrt(2.0), texel_m, LEVELS)
         if texel_m * 2**level < math.sqrt(2.0) * apart_m:
             return _Sampling(level, cv2.INTER_NEAREST, halved=False)
         return _Sampling(level, cv2.INTER_LINEAR, halved=True)
 
     def _rows(self, rays: F32, top: int, bottom: int) -> F32:
-        """Return the rays that rows of the picture need."""
+        """Return the rays that are needed for rows of the picture, from top to below bottom."""
         s = self._spacing
-        # Where places are interpolated, the array of rays begins outside of the picture.
+        # If places are interpolated, the array of rays begins outside the picture.
         return rays[top // s : math.ceil(bottom / s) + (2 if s > 1 else 0)]
 
     def _draw_band(self, band: U8, rays: F32, to_texels: F64, sampling: _Sampling) -> None:
-        """Draw some rows; to_texels leads from rays to the texels of their level."""
+        """Draw some rows.
+
+        Args:
+            band: these rows of the picture; changed.
+            rays: that they need.
+            to_texels: homography (3, 3) from rays to the texels of the level.
+            sampling: level and interpolation.
+        """
         target, spacing = band, self._spacing
         if sampling.halved:
             target = np.empty((-(-band.shape[0] // 2), -(-band.shape[1] // 2)), np.uint8)
@@ -165,7 +187,13 @@ class TexturedPlane:
 
 
 def _spread(values: cv2.typing.MatLike, spacing: int, shape: tuple[int, ...]) -> F32:
-    """Return what is known at every so many pixels, and at one beyond, for all of a shape."""
+    """Return values for all pixels of a shape, interpolated between some of them.
+
+    Args:
+        values: at every `spacing`-th pixel, and at one more on each side.
+        spacing: px; 1: values are already those of all pixels.
+        shape: rows and columns of the result.
+    """
     if spacing == 1:
         return cast(F32, values)
     wide = cv2.resize(values, None, fx=spacing, fy=spacing, interpolation=cv2.INTER_LINEAR)
@@ -173,7 +201,10 @@ def _spread(values: cv2.typing.MatLike, spacing: int, shape: tuple[int, ...]) ->
 
 
 def _centres(pixels: int, spacing: int) -> F64:
-    """Middles of groups of so many pixels, with one group more on either side."""
+    """Return the centres of groups of `spacing` pixels, with one more group at each end.
+
+    A spacing of 1 gives the pixels themselves.
+    """
     if spacing == 1:
         return np.arange(float(pixels))
     return (np.arange(-1.0, math.ceil(pixels / spacing) + 1) + 0.5) * spacing - 0.5

@@ -1,7 +1,7 @@
 """What the camera sees of its own vehicle: the legs, and the shadow on pad and ground.
 
-The airframe is a small quadcopter whose legs spread from under the body to the feet at the
-corners of the footprint. Both hide the square marker when the heading is wrong (thesis 2.4.5).
+The airframe is a small quadcopter whose legs spread from under the body to the feet at the corners
+of the footprint. Legs and shadow hide the square marker if the heading is wrong (thesis 2.4.5).
 """
 
 import functools
@@ -18,17 +18,17 @@ from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
 
 U8 = NDArray[np.uint8]
 
-LEG_GREY = 22
+LEG_GREY = 22  # grey level of the legs
 LEG_RADIUS_M = 0.006
 FOOT_RADIUS_M = 0.011
 HULL_RADIUS_M = 0.09
 ARM_RADIUS_M = 0.015
 ROTOR_RADIUS_M = 0.12
-ROTOR_OFFSET_M = 0.19  # of the hubs from the middle, along x and along y
-ROTOR_SHARE = 0.35  # of the light that a turning rotor keeps off, against a solid part
-REACH_M = 0.6  # nothing of the vehicle is further from its middle
-SUN_SPREAD = 0.0023  # rad; standard deviation of the sun's disc of 0.53 degrees along one axis
-SUBPIXEL_BITS = 4
+ROTOR_OFFSET_M = 0.19  # of the hubs from the centre, along x and along y
+ROTOR_SHARE = 0.35  # light that a turning rotor blocks, over that of a solid part
+REACH_M = 0.6  # no part of the vehicle is farther from its centre
+SUN_SPREAD = 0.0023  # standard deviation of the sun's disc of 0.53 degrees along one axis, rad
+SUBPIXEL_BITS = 4  # fractional bits of the coordinates that OpenCV draws at
 
 _CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
 _OCTAGON = np.array([[math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)] for k in range(8)])
@@ -42,18 +42,18 @@ _DISCS = np.concatenate(
 
 @dataclass(frozen=True)
 class Shadow:
-    """A shadow on a plane as the camera sees it."""
+    """The vehicle's shadow on a plane as the camera sees it."""
 
-    polygons: list[F64]  # pixels (n, 2), convex
-    shares: list[float]  # of the sun's light that each keeps off, weakest first
-    sigma_px: float  # softness of the edges
+    polygons: list[F64]  # convex outlines (n, 2), px
+    shares: list[float]  # share of the sun's light that each blocks, the smallest first
+    sigma_px: float  # sigma of the blur of the edges
 
 
 def draw_legs(image: U8, frustum: Frustum, pose: CameraPose, vehicle: VehiclePose) -> None:
-    """Draw the legs, thick dark lines with rounded feet, into image."""
+    """Draw the legs, thick dark lines with rounded feet, into an image."""
     points = in_camera(pose, _in_local(vehicle, np.concatenate(_legs(vehicle))))
     hips, feet = points[:4], points[4:]
-    # Seen from the lens, a thin rod is the flat strip across the line of sight, a ball a disc.
+    # From the lens a thin rod looks like a flat strip across the line of sight, a ball like a disc.
     across = _unit(_cross(hips, feet))
     second = _unit(_cross(across, feet))
     r = LEG_RADIUS_M * across
@@ -66,9 +66,14 @@ def draw_legs(image: U8, frustum: Frustum, pose: CameraPose, vehicle: VehiclePos
 def vehicle_shadow(
     frustum: Frustum, pose: CameraPose, vehicle: VehiclePose, plane: PadPose, sunlight: F64
 ) -> Shadow | None:
-    """Return the vehicle's shadow on a plane, None when it is out of sight.
+    """Return the vehicle's shadow on a plane; None: it is out of sight.
 
-    sunlight (3,) is the direction the light travels, local frame.
+    Args:
+        frustum: of the camera.
+        pose: of the camera.
+        vehicle: its pose and landing gear.
+        plane: pose of the plane.
+        sunlight: unit vector (3,) along which sunlight travels, local NED.
     """
     to_plane = matrix(plane.R_local_pad).T
     light = to_plane @ sunlight
@@ -82,6 +87,7 @@ def vehicle_shadow(
         return None
 
     def thrown(points: F64) -> F64:
+        """Return where points (n, 3) of the body throw their shadow on the plane, m, (n, 2)."""
         p = (_in_local(vehicle, points) - np.array(plane.position)) @ to_plane.T
         return cast(F64, p[:, :2] - p[:, 2:] * (light[:2] / light[2]))
 
@@ -100,7 +106,13 @@ def vehicle_shadow(
 
 
 def shade(image: U8, shadow: Shadow, darkness: float) -> None:
-    """Darken image where the shadow falls; darkness is the sun's share of the light, 0 to 1."""
+    """Darken an image where the shadow falls.
+
+    Args:
+        image: (height, width); changed.
+        shadow: of the vehicle.
+        darkness: the sun's share of the light, 0 to 1.
+    """
     if not sum(len(p) for p in shadow.polygons):
         return
     everything = np.concatenate(shadow.polygons)
@@ -121,14 +133,14 @@ def shade(image: U8, shadow: Shadow, darkness: float) -> None:
 
 
 def fill(image: U8, polygon: F64, grey: int) -> None:
-    """Fill a convex polygon (n, 2) in pixels with smooth edges."""
+    """Fill a convex polygon (n, 2), px, with a grey level and smooth edges."""
     if len(polygon) >= 3:
         points = np.rint(polygon * 2**SUBPIXEL_BITS).astype(np.int32)
         cv2.fillConvexPoly(image, points, (float(grey),), cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _legs(vehicle: VehiclePose) -> tuple[F64, F64]:
-    """Hips (4, 3) and feet (4, 3) in the body frame."""
+    """Return the upper ends (4, 3) and the feet (4, 3) of the legs, body frame, m."""
     return _legs_of(vehicle.footprint_m, vehicle.gear_height_m)
 
 
@@ -141,22 +153,23 @@ def _legs_of(footprint_m: tuple[float, float], gear_height_m: float) -> tuple[F6
 
 
 def _in_local(vehicle: VehiclePose, points: F64) -> F64:
+    """Return points (n, 3) of the body frame in the local frame."""
     return cast(F64, points @ matrix(vehicle.R_local_body).T + np.array(vehicle.position))
 
 
 def _strips(a: F64, b: F64, radius: float) -> F64:
-    """Rectangles (n, 4, 2) of width 2 radius from a to b (n, 2)."""
+    """Return rectangles (n, 4, 2) of the width 2 * radius from points a to points b, (n, 2)."""
     along = _unit(b - a)
     r = radius * np.column_stack([-along[:, 1], along[:, 0]])
     return np.stack([a - r, a + r, b + r, b - r], axis=1)
 
 
 def _cross(a: F64, b: F64) -> F64:
-    """Return the vector products (n, 3) of rows; np.cross takes four times as long for a few."""
+    """Return the vector products (n, 3) of rows; np.cross takes four times as long for few."""
     return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
 def _unit(vectors: F64) -> F64:
-    """Scale vectors (n, k) to length 1; those of no length stay."""
+    """Return vectors (n, k) scaled to length 1; null vectors stay null."""
     lengths = np.sqrt((vectors * vectors).sum(axis=1, keepdims=True))
     return cast(F64, vectors / np.maximum(lengths, 1e-12))

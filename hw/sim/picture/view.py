@@ -1,4 +1,4 @@
-"""One camera at one pose: from the world to pixels, and which markers are in view."""
+"""One camera at one pose: projection from the world to pixels, and which markers are in view."""
 
 import functools
 import itertools
@@ -17,20 +17,21 @@ from landerd.pad import WHYCODE_BAND, Marker, PadLayout, Ring, Square
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-NEAR_PLANE_M = 0.01  # from the lens; what is nearer is not drawn
-CIRCLE_POINTS = 32
-_CELL_RINGS = (1.0, 0.75, 0.5, 0.25)  # of a square's side: round its border, and within
-_ABOVE_M = 1e-3  # no lower a camera sees a plane
+NEAR_PLANE_M = 0.01  # depth below which nothing is drawn
+CIRCLE_POINTS = 32  # number of points on a marker's outline
+_CELL_RINGS = (1.0, 0.75, 0.5, 0.25)  # outlines of a square and in it, shares of its side
+_ABOVE_M = 1e-3  # least height of a camera above a plane that it sees
 
-# For cv2.remap whose first map holds both coordinates. OpenCV's types forbid None here, and an
-# empty array, which they allow, draws rubbish.
+# Second map for cv2.remap if its first map holds both coordinates. OpenCV's types forbid None
+# here, and with an empty array, which they allow, it draws wrong pictures.
 NO_SECOND_MAP = cast(F64, None)
 
 
 class Frustum:
-    """The space a camera sees, a little widened, as half-spaces of the camera frame."""
+    """The space that a camera sees, a little widened, as half-spaces of the camera frame."""
 
     def __init__(self, camera: CameraModel) -> None:
+        """Compute the borders."""
         self.camera = camera
         x = np.arange(-1.0, camera.width + 1.0)
         y = np.arange(-1.0, camera.height + 1.0)
@@ -41,8 +42,8 @@ class Frustum:
             ]
         )
         rays = camera.rays(border)
-        # The distortion polynomial may fold back outside the field of view: nothing beyond this
-        # is ever projected.
+        # Outside the field of view the distortion polynomial may fold back into it, so that
+        # nothing beyond this margin may be projected.
         margin = 0.05 * (rays.max(axis=0) - rays.min(axis=0))
         (x0, y0), (x1, y1) = rays.min(axis=0) - margin, rays.max(axis=0) + margin
         planes = np.array(
@@ -57,11 +58,14 @@ class Frustum:
         self.planes = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
 
     def clip(self, polygon: F64) -> F64:
-        """Return the part of a convex polygon (n, 3), camera frame, that lies in view (m, 3)."""
+        """Return the part (m, 3) of a convex polygon (n, 3), camera frame, that is in view."""
         return self._clipped([polygon])[0]
 
     def _cut(self, polygon: F64, crossed: NDArray[np.bool_]) -> F64:
-        """Return the part of a convex polygon (n, 3) inside of the borders that it crosses."""
+        """Return the part of a convex polygon (n, 3) inside the borders that it crosses.
+
+        `crossed` tells which borders these are, (planes,).
+        """
         points = [tuple(p) for p in polygon.tolist()]
         for a, b, c, d in self.planes[crossed].tolist():
             kept: list[tuple[float, ...]] = []
@@ -81,15 +85,15 @@ class Frustum:
         return bool(self.holds(points).all())
 
     def holds(self, points: F64) -> NDArray[np.bool_]:
-        """Tell of each point (n, 3), camera frame, whether it can be projected, (n,)."""
+        """Tell which points (n, 3), camera frame, can be projected, (n,)."""
         return np.asarray((self._distances(points) >= 0.0).all(axis=1), dtype=np.bool_)
 
     def near(self, centres: F64, radii: F64) -> NDArray[np.bool_]:
-        """Tell of each ball about centres (n, 3), camera frame, whether it may be in view, (n,)."""
+        """Tell which balls about centres (n, 3), camera frame, may be in view, (n,)."""
         return np.asarray((self._distances(centres) >= -radii[:, None]).all(axis=1))
 
     def touches(self, centre: F64, radius: float) -> bool:
-        """Tell whether a ball about centre (3,), camera frame, may be in view."""
+        """Tell whether a ball about a centre (3,), camera frame, may be in view."""
         return bool((self.planes[:, :3] @ centre + self.planes[:, 3] >= -radius).all())
 
     def passes(self, centres: F64, radii: F64) -> bool:
@@ -100,7 +104,10 @@ class Frustum:
         return bool((self._distances(centres) < -radii[:, None]).all(axis=0).any())
 
     def outlines(self, polygons: list[F64]) -> list[F64]:
-        """Return the convex polygons (n, 3), camera frame, as seen: pixels (m, 2), m may be 0."""
+        """Return the parts in view of convex polygons (n, 3), camera frame, as px (m, 2).
+
+        m is 0 for a polygon that is out of view.
+        """
         seen = self._clipped(polygons)
         if not any(map(len, seen)):
             return [p[:, :2] for p in seen]
@@ -109,7 +116,7 @@ class Frustum:
         return [pixels[start:end] for start, end in itertools.pairwise(ends)]
 
     def _clipped(self, polygons: list[F64]) -> list[F64]:
-        """Return the parts of convex polygons (n, 3), camera frame, that lie in view (m, 3)."""
+        """Return the parts (m, 3) of convex polygons (n, 3), camera frame, that are in view."""
         outside = self._distances(np.concatenate(polygons)) < 0.0
         if not outside.any():
             return polygons
@@ -123,12 +130,12 @@ class Frustum:
         ]
 
     def _distances(self, points: F64) -> F64:
-        """Distance (n, planes) of points (n, 3) inside each border."""
+        """Return the distances (n, planes) of points (n, 3) from borders, positive inside."""
         return cast(F64, points @ self.planes[:, :3].T + self.planes[:, 3])
 
 
 def matrix(m: Mat3) -> F64:
-    """Return a rotation as an array."""
+    """Return a rotation as an array (3, 3)."""
     return np.array(m, dtype=np.float64)
 
 
@@ -145,17 +152,17 @@ def on_pad(pad: PadPose, points: F64) -> F64:
 
 
 def is_above(pose: CameraPose, plane: PadPose) -> bool:
-    """Tell whether the camera is above a plane."""
+    """Tell whether the camera is above a plane, on the side from which it can be seen."""
     R = plane.R_local_pad
     into = (R[0][2], R[1][2], R[2][2])
     return dot(into, sub(pose.position, plane.position)) < -_ABOVE_M
 
 
 def plane_homography(pose: CameraPose, plane: PadPose) -> F64 | None:
-    """Return the (3, 3) matrix from rays (x, y, 1) of the camera to the plane's (north, east, 1).
+    """Return the homography (3, 3) from rays (x, y, 1) to points (north, east, 1) of a plane, m.
 
-    The third row before division is the ray's descent into the plane: positive where the ray
-    meets it. None: the camera is not above the plane.
+    Its third row gives a ray's descent to the plane per unit of depth, which is positive if the ray
+    meets the plane. None: the camera is not above the plane.
     """
     R = matrix(plane.R_local_pad).T
     cx, cy, cz = R @ (np.array(pose.position) - np.array(plane.position))
@@ -166,17 +173,27 @@ def plane_homography(pose: CameraPose, plane: PadPose) -> F64 | None:
 
 
 def footprint(det: float, descent: float, pitch: float) -> float:
-    """Return how far apart neighbouring samples lie on a plane, m.
+    """Return the distance between neighbouring samples on a plane, m.
 
-    det is the determinant of a `plane_homography`, descent its third row for the ray, pitch the
-    distance between neighbouring rays. The determinant of a homography's Jacobian is its own over
-    the cube of the denominator.
+    The determinant of a homography's Jacobian is that of the homography over the cube of its
+    denominator.
+
+    Args:
+        det: determinant of the `plane_homography`.
+        descent: value of its third row for the ray.
+        pitch: distance between neighbouring rays on z = 1.
     """
     return pitch * math.sqrt(abs(det) / descent**3)
 
 
 def level_of_detail(apart_m: float, texel_m: float, levels: int) -> int:
-    """Return the level, texels doubling from texel_m, nearest to samples so far apart."""
+    """Return the level of detail whose texels are nearest to the distance of samples.
+
+    Args:
+        apart_m: distance of samples.
+        texel_m: side of a texel of level 0; it doubles with each level.
+        levels: number of levels.
+    """
     return min(max(round(math.log2(max(apart_m, 1e-9) / texel_m)), 0), levels - 1)
 
 
@@ -187,15 +204,15 @@ def rays_at(camera: CameraModel, x: F64, y: F64) -> F32:
 
 
 def blur(image: NDArray[np.uint8], sigma: float) -> None:
-    """Blur an image in place; sigma in pixels."""
+    """Blur an image in place by a Gaussian; sigma in px, below 0.1 it does nothing."""
     if sigma >= 0.1:
         size = 2 * math.ceil(2.5 * sigma) + 1
         cv2.GaussianBlur(image, (size, size), sigma, dst=image, borderType=cv2.BORDER_REPLICATE)
 
 
-@functools.lru_cache(maxsize=1)  # of one picture for each marker
+@functools.lru_cache(maxsize=1)  # it is needed for each marker of a picture
 def middle(start: CameraPose, end: CameraPose) -> CameraPose:
-    """Return the pose half-way between two that differ little."""
+    """Return the pose half-way between two poses that differ little."""
     if start == end:
         return start
     position = tuple((a + b) / 2 for a, b in zip(start.position, end.position, strict=True))
@@ -214,18 +231,18 @@ def visible_markers(
     *,
     by_cells: bool = False,
 ) -> list[int]:
-    """Return the indices in layout.markers of those in the image with a share of their outline.
+    """Return the indices in `layout.markers` of markers that are in the image.
 
-    Of rings either edge counts: near the pad vision goes by the inner one. Geometry only: what
-    stands in front of a marker is not looked at.
+    A marker is in the image if a share of one of its outlines is. A ring has two, as near the pad
+    vision uses the inner one. Only geometry counts, not what may hide a marker.
 
     Args:
-        layout: the pad.
+        layout: of the pad.
         frustum: of the camera.
         pose: of the camera.
-        pad: where it is.
-        share: of an outline.
-        by_cells: of squares those round their inner cells count, too.
+        pad: its pose.
+        share: least share of an outline.
+        by_cells: whether outlines round a square's inner cells count, too.
     """
     if not is_above(pose, pad):
         return []
@@ -250,7 +267,10 @@ def visible_markers(
 def _outlines(
     markers: tuple[Marker, ...], *, by_cells: bool
 ) -> tuple[F64, tuple[list[slice], ...]]:
-    """Return the outlines of markers after each other (n, 3), and which are each one's."""
+    """Return the points of all markers' outlines (n, 3), pad frame, m, and slices of them.
+
+    For each marker these are the slices of its outlines.
+    """
     outlines: list[F64] = []
     parts: list[list[slice]] = []
     start = 0
@@ -265,10 +285,10 @@ def _outlines(
 
 
 def _outlines_of(marker: Marker, *, by_cells: bool) -> list[F64]:
-    """Return the points (n, 3) of a marker's outlines in the pad frame, the outer one first."""
+    """Return the points (n, 3) of each outline of a marker, pad frame, m, the outermost first."""
     a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
     if isinstance(marker, Square):
-        # Round its border, as far from the middle as that is in each direction.
+        # Distance of the square's border from its centre in each direction.
         border = 0.5 * marker.size_m / np.maximum(np.abs(np.cos(a)), np.abs(np.sin(a)))[:, None]
         radii = [share * border for share in (_CELL_RINGS if by_cells else (1.0,))]
         a = a + math.radians(marker.heading_deg)
