@@ -1,5 +1,5 @@
-"""Protocol models of the gimbals: what the real drivers talk to in the simulator and in tests.
+"""Protocol models of the gimbals, with which the real drivers talk in the simulator and in tests.
 
-Each file models the device below one driver: bytes, lag, limits and faults. Its `connect` makes the
-driver and the model and joins them.
+Each file models the device that one driver talks to: its bytes, lag, limits and faults. Its
+`connect` makes the driver and the model and joins them.
 """

@@ -1,4 +1,4 @@
-"""What a protocol model is connected with: the gimbal in the world, links, the autopilot."""
+"""What protocol models are connected to: the gimbal in the world, links, and the autopilot."""
 
 import os
 import pty
@@ -20,23 +20,24 @@ _LOOPBACK = "127.0.0.1"
 
 
 class Model(Protocol):
-    """A device below a driver."""
+    """A modelled device that a driver talks to."""
 
     async def run(self) -> None:
-        """Be the device until cancelled."""
+        """Act as the device until cancelled."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Where a model is set up."""
+    """The surroundings of a model."""
 
-    mount: SimMount
-    autopilot: SimAutopilot | None  # the stand-in, for gimbals that it drives; None: a real one
-    driver: MavlinkAutopilot  # landerd's driver, through which theirs speak
-    realtime: bool  # real sockets and terminals instead of links in memory
+    mount: SimMount  # the gimbal in the world
+    # The simulated autopilot, for gimbals that it drives; None: a real autopilot flies.
+    autopilot: SimAutopilot | None
+    driver: MavlinkAutopilot  # landerd's driver of the autopilot, which gimbals' drivers may use
+    realtime: bool  # whether links are real sockets and terminals, instead of ones in memory
 
     def join(self, url: str) -> tuple[ByteLink, ByteLink]:
-        """Return the driver's end and the model's end of a link like that of the URL."""
+        """Return the driver's end and the model's end of a link of the URL's kind."""
         if not self.realtime:
             return memory_pair()
         if url.startswith("udp"):

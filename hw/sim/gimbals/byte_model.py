@@ -1,4 +1,4 @@
-"""A device that answers requests on a byte link, and what can go wrong with it."""
+"""A modelled device that answers requests on a byte link, and its faults."""
 
 import asyncio
 from abc import ABC, abstractmethod
@@ -8,23 +8,24 @@ from hw.gimbals.frames import FrameScanner
 from hw.sim.gimbals.mount import SimMount
 from landerd.ports import ByteLink, DeviceLost
 
-_TURNAROUND_S = 0.002  # from a request to the first byte of its answer
-_BYTE_S = 10.0 / 115200.0  # on the line, at 115200 baud
-_BOOT_S = 3.0  # deaf and dumb after a restart
-_REOPEN_S = 0.1
+_TURNAROUND_S = 0.002  # time from a request to the first byte of its answer
+_BYTE_S = 10.0 / 115200.0  # time of a byte on the line, at 115200 baud
+_BOOT_S = 3.0  # time after a restart during which the device neither listens nor answers
+_REOPEN_S = 0.1  # time until a lost link is opened again
 
 
 class ByteModel(ABC):
-    """Takes requests, moves the gimbal, answers.
+    """A device that takes requests, moves the gimbal, and answers.
 
     Attributes:
-        silent: it hears and obeys but says nothing.
-        garbage: it answers with as many random bytes.
-        late_s: its answers come so much later.
-        mount: the gimbal it moves.
+        silent: fault: it obeys, but does not answer.
+        garbage: fault: it answers with random bytes, as many as in the right answer.
+        late_s: fault: additional delay of its answers.
+        mount: the gimbal that it moves.
     """
 
     def __init__(self, mount: SimMount, link: ByteLink, scanner: FrameScanner) -> None:
+        """Take the gimbal, the model's end of the link, and a scanner of requests' frames."""
         self.silent = False
         self.garbage = False
         self.late_s = 0.0
@@ -34,13 +35,13 @@ class ByteModel(ABC):
         self._boots_until = 0.0
 
     def reset(self) -> None:
-        """Restart, as after a brown-out: deaf and dumb for a while, then as freshly switched on."""
+        """Restart, as after a brown-out: after a silence it is in the state after power-on."""
         self._boots_until = asyncio.get_running_loop().time() + _BOOT_S
         self._scanner.reset()
         self._booted()
 
     async def run(self) -> None:
-        """Be the device until cancelled."""
+        """Act as the device until cancelled."""
         loop = asyncio.get_running_loop()
         try:
             while True:
@@ -60,13 +61,14 @@ class ByteModel(ABC):
 
     @abstractmethod
     def _take(self, frame: bytes) -> None:
-        """Obey and answer one sound frame."""
+        """Obey and answer one frame, which has been checked."""
 
     @abstractmethod
     def _booted(self) -> None:
-        """Forget what was set up over the link."""
+        """Return to the state after power-on: forget what was set over the link."""
 
     def _answer(self, frame: bytes) -> None:
+        """Send an answer after the device's delay, unless a fault prevents it."""
         if self.silent:
             return
         if self.garbage:

@@ -1,4 +1,7 @@
-"""The registers of an IMU on the camera of a servo gimbal; an I2C bus with nothing else on it."""
+"""A modelled IMU on the camera of a servo gimbal: its registers on an I2C bus of its own.
+
+It is an MPU-6050 or a BNO055, as the driver in `hw.gimbals.imu` expects.
+"""
 
 import math
 from random import Random
@@ -24,22 +27,23 @@ from hw.gimbals.imu import AXES as SENSOR_AXES
 from hw.sim.gimbals.mount import SimMount
 from landerd.geometry import Mat3, Vec3, add, matmul, rotate, scale, sub, transpose
 
-_G: Vec3 = (0.0, 0.0, 9.80665)
-_GYRO_BIAS = math.radians(1.5)  # of the gyroscope about each axis, rad/s
+_G: Vec3 = (0.0, 0.0, 9.80665)  # gravity, local NED, m/s^2
+_GYRO_BIAS = math.radians(1.5)  # magnitude of the gyroscope's bias about each axis, rad/s
 _GYRO_NOISE = math.radians(0.1)  # standard deviation, rad/s
 _ACCELEROMETER_NOISE = 0.05  # standard deviation, m/s^2
-_SLEEP = 0x40
-_MPU_LATE_S, _BNO_LATE_S = 0.005, 0.01
+_SLEEP = 0x40  # bit of PWR_MGMT_1
+_MPU_LATE_S, _BNO_LATE_S = 0.005, 0.01  # age of measurements of either chip when they are read
 
 
 class ImuModel:
-    """What the sensor feels on a camera that turns with the gimbal and speeds up with the vehicle.
+    """The IMU, which turns with the gimbal and accelerates with the vehicle.
 
     Attributes:
-        gone: nothing answers.
+        gone: fault: the sensor does not answer.
     """
 
     def __init__(self, options: ImuOptions, mount: SimMount) -> None:
+        """Take the kind of sensor and its axes, and the gimbal that it sits on."""
         self.gone = False
         self._is_bno = options.kind == "bno055"
         self._axes = [SENSOR_AXES[axis] for axis in options.axes]
@@ -74,10 +78,10 @@ class ImuModel:
         return list(MPU_DATA.pack(*a, 0, *w))
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Release the bus."""
 
     def _feel(self) -> tuple[Vec3, Vec3]:
-        """Return specific force (m/s^2) and turn rates (rad/s), gimbal frame."""
+        """Return the measured specific force, m/s^2, and turn rates, rad/s, gimbal frame."""
         t, R, velocity = now = self._mount.motion(_MPU_LATE_S)
         before, self._before = self._before, now
         acceleration: Vec3 = (0.0, 0.0, 0.0)
@@ -95,6 +99,7 @@ class ImuModel:
         )
 
     def _up(self) -> Vec3:
+        """Return the vector against gravity, gimbal frame, m/s^2."""
         return rotate(transpose(self._mount.motion(_BNO_LATE_S)[1]), scale(_G, -1.0))
 
     def _noise(self, sigma: float) -> Vec3:
@@ -102,6 +107,7 @@ class ImuModel:
         return (x, y, z)
 
     def _in_sensor(self, v: Vec3) -> Vec3:
+        """Return a vector of the gimbal frame on the sensor's axes."""
         out: Vec3 = (0.0, 0.0, 0.0)
         for part, axis in zip(v, self._axes, strict=True):
             out = add(out, scale(axis, part))
@@ -113,7 +119,7 @@ class ImuModel:
 
 
 def imu_bus(options: ImuOptions | None, mount: SimMount) -> I2c[ImuModel]:
-    """Return a bus with the sensor."""
+    """Return a bus with the sensor, which is made when a driver opens the bus."""
 
     def open_bus(number: int) -> ImuModel:
         assert options is not None

@@ -1,4 +1,4 @@
-"""A gimbal that the autopilot drives, as ArduCopter shows it: new protocol and old."""
+"""A gimbal that the autopilot drives, as ArduCopter presents it: version 2 and mount protocol."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -15,37 +15,38 @@ from landerd.messages import Reference
 
 _PITCH_LIMITS = (math.radians(-90.0), math.radians(20.0))  # MNT1_PITCH_MIN, MNT1_PITCH_MAX
 _LOCKS = mavlink.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | mavlink.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
-_NONE = float("nan")
+_NONE = float("nan")  # value of a field that is not given
 
 Streams = Mapping[int, Callable[[float, int], Message]]
 
 
 class GimbalManager:
-    """ArduCopter 4.3 and newer: gimbal protocol version 2 and the old order; no mount reports.
+    """ArduCopter 4.3 and newer: gimbal protocol version 2 and DO_MOUNT_CONTROL; no mount reports.
 
     Attributes:
-        claims: how often control of the gimbal was asked for.
+        claims: number of requests for control of the gimbal.
     """
 
     def __init__(self, mount: SimMount) -> None:
+        """Take the gimbal, which levels its pitch to the horizon."""
         self.claims = 0
         self._mount = mount
         mount.plant.reference = Reference.HORIZON
 
     @property
     def streams(self) -> Streams:
-        """The gimbal's attitude."""
+        """Makers of the gimbal's attitude messages, by message id."""
         return {mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: self._attitude}
 
     def command(self, command: Message, t: float) -> int | None:
-        """Take DO_MOUNT_CONTROL and the claim of control."""
+        """Obey DO_MOUNT_CONTROL and requests for control; return a MAV_RESULT, None: not for it."""
         if command.command == mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE:
             self.claims += 1
             return int(mavlink.MAV_RESULT_ACCEPTED)
         return mount_control(self._mount, command)
 
     def message(self, message: Message, t: float) -> None:
-        """Take GIMBAL_MANAGER_SET_PITCHYAW: angles without rates, yaw from the airframe."""
+        """Obey GIMBAL_MANAGER_SET_PITCHYAW with angles, no rates, and yaw from the airframe."""
         if message.get_msgId() != mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW:
             return
         has_rates = math.isfinite(message.pitch_rate) or math.isfinite(message.yaw_rate)
@@ -67,26 +68,27 @@ class GimbalManager:
 
 
 class OldMount:
-    """Firmware with mount reports instead."""
+    """Older firmware, which reports the angles of the mount instead."""
 
     def __init__(self, mount: SimMount) -> None:
+        """Take the gimbal, which levels its pitch to the horizon."""
         self._mount = mount
         mount.plant.reference = Reference.HORIZON
 
     @property
     def streams(self) -> Streams:
-        """Both reports; no firmware sends the two of them, but each is one's only one."""
+        """Makers of both mount reports, by message id; a real firmware sends only one of them."""
         return {
             mavlink.MAVLINK_MSG_ID_MOUNT_ORIENTATION: self._orientation,
             mavlink.MAVLINK_MSG_ID_MOUNT_STATUS: self._status,
         }
 
     def command(self, command: Message, t: float) -> int | None:
-        """Take DO_MOUNT_CONTROL."""
+        """Obey DO_MOUNT_CONTROL; return a MAV_RESULT, None: the command is not for it."""
         return mount_control(self._mount, command)
 
     def message(self, message: Message, t: float) -> None:
-        """Take no other message."""
+        """Ignore all messages."""
 
     def _orientation(self, t: float, boot_ms: int) -> Message:
         yaw, pitch = (math.degrees(angle) for angle in self._mount.measure())
@@ -98,7 +100,11 @@ class OldMount:
 
 
 def mount_control(mount: SimMount, command: Message) -> int | None:
-    """Obey DO_MOUNT_CONTROL in the mode of targeting by MAVLink; return its MAV_RESULT."""
+    """Obey DO_MOUNT_CONTROL in the mode MAVLINK_TARGETING.
+
+    Returns:
+        a MAV_RESULT; None: it is another command.
+    """
     if command.command != mavlink.MAV_CMD_DO_MOUNT_CONTROL:
         return None
     if command.param7 != mavlink.MAV_MOUNT_MODE_MAVLINK_TARGETING:
@@ -108,19 +114,19 @@ def mount_control(mount: SimMount, command: Message) -> int | None:
 
 
 def aim(mount: SimMount, yaw: float, pitch: float) -> None:
-    """Order angles within the limits, rad."""
+    """Order angles, rad, with the pitch clamped to the limits."""
     mount.aim(yaw, clamp(pitch, *_PITCH_LIMITS))
 
 
 def connect_v2(options: MavlinkOptions, bench: Bench) -> Connected:
-    """Return the driver; the gimbal is the simulated autopilot's."""
+    """Return the driver of version 2; the simulated autopilot drives the gimbal."""
     assert bench.autopilot is not None
     bench.autopilot.attach(GimbalManager(bench.mount))
     return MavlinkGimbal(options, bench.driver), None
 
 
 def connect_mount(options: MavlinkMountOptions, bench: Bench) -> Connected:
-    """Return the driver; the gimbal is the simulated autopilot's."""
+    """Return the driver of the mount protocol; the simulated autopilot drives the gimbal."""
     assert bench.autopilot is not None
     bench.autopilot.attach(OldMount(bench.mount))
     return MavlinkMountGimbal(options, bench.driver), None

@@ -1,4 +1,4 @@
-"""The simulated gimbal as its electronics drive and measure it, for all device models."""
+"""The simulated gimbal as its electronics drive and measure it: the base of all device models."""
 
 import asyncio
 import math
@@ -12,19 +12,19 @@ from landerd.messages import Reference
 
 
 def _nobody(measured_t: float) -> None:
-    """Hear of it and do nothing."""
+    """Do nothing with a report."""
 
 
 class Play:
-    """Backlash: one side of a gear follows the other only at the end of the play between them."""
+    """Backlash: the driven side of a gear moves only at either end of the play."""
 
     def __init__(self, width: float, angle: float) -> None:
-        """Width: of the play, rad; angle: of both sides at the start, rad."""
+        """Take the width of the play, rad, and the angle of both sides at the start, rad."""
         self._half = 0.5 * width
         self._angle = angle
 
     def follow(self, angle: float) -> float:
-        """Return the following side's angle when the leading one is at this angle, rad."""
+        """Return the driven side's angle for an angle of the driving side, rad."""
         if not self._half:
             return angle
         self._angle = min(max(self._angle, angle - self._half), angle + self._half)
@@ -35,16 +35,17 @@ class SimMount:
     """Takes orders for the axes, and measures their angles with errors.
 
     Attributes:
-        plant: the axes.
+        plant: the axes in the world.
         yaw_bias: constant error of the measured yaw, rad.
-        pitch_bias: the same of the pitch.
-        measured_t: when the angles were measured last, s.
-        reported: is told when angles reach landerd, with the time of their measurement, s.
-        slipped: yaw and pitch by which measured angles are off beside the biases, rad.
-        reversed: orders turn the axes the other way.
+        pitch_bias: constant error of the measured pitch, rad.
+        measured_t: time of the last measurement, s.
+        reported: called when angles reach landerd, with the time of their measurement, s.
+        slipped: fault: errors of measured yaw and pitch in addition to the biases, rad.
+        reversed: fault: orders turn the axes in the opposite direction.
     """
 
     def __init__(self, world: World, options: SimGimbalOptions, rng: Random) -> None:
+        """Take the world, the errors, and the source of their signs and of noise."""
         self.plant = world.gimbal
         self.reported: Callable[[float], None] = _nobody
         self.measured_t = -math.inf
@@ -67,10 +68,12 @@ class SimMount:
         self._pitch_zero = math.radians(mount.pitch_zero_deg)
 
     def hidden_heading(self, camera_rotation_deg: tuple[float, float, float]) -> float:
-        """Return by how much too large a heading shows below it, rad: no picture tells.
+        """Return the error of headings of what lies below, rad, which no picture shows.
+
+        It comes from the biases and from the camera's rotation on the last axis.
 
         Args:
-            camera_rotation_deg: how the camera sits on the last axis, as it is said to.
+            camera_rotation_deg: roll, pitch, yaw of the camera on the last axis as configured.
         """
         said = matmul(
             rot_zxy(self.yaw_bias, 0.0, self.pitch_bias - 0.5 * math.pi),
@@ -81,7 +84,7 @@ class SimMount:
         return math.atan2(R[1][0], R[0][0])
 
     def advance(self) -> None:
-        """Let the world go on to the loop's time; done before each order."""
+        """Advance the world to the loop's time, as must be done before each order."""
         self._world.advance(asyncio.get_running_loop().time())
 
     def aim(self, yaw: float, pitch: float) -> None:
@@ -101,7 +104,7 @@ class SimMount:
         self.plant.pitch.turn(self._pitch_sign * pitch)
 
     def angles(self, reference: Reference) -> tuple[float, float]:
-        """Return yaw and pitch as they are, rad; the pitch perhaps against the horizon."""
+        """Return the true yaw and pitch, rad; the pitch against a reference."""
         plant = self.plant
         if reference is plant.reference:
             return plant.yaw.angle, plant.pitch.angle
@@ -109,7 +112,10 @@ class SimMount:
         return plant.yaw.angle, pitch
 
     def motion(self, back_s: float = 0.0) -> tuple[float, Mat3, Vec3]:
-        """Return the time, R_local_gimbal so long ago, and the vehicle's velocity (local, m/s)."""
+        """Return the time, s, R_local_gimbal `back_s` ago, and the vehicle's velocity now.
+
+        The velocity is in the local frame, m/s.
+        """
         self.advance()
         world, plant = self._world, self.plant
         self.measured_t = world.t - back_s
@@ -118,7 +124,7 @@ class SimMount:
         return world.t, R_local_gimbal, world.vehicle.velocity
 
     def bolt(self, yaw: float, pitch: float) -> None:
-        """Fix the camera where these angles (rad) would be measured, but for zeros."""
+        """Fix the axes where these angles, rad, would be measured, apart from errors of zeros."""
         self.plant.yaw.bolt(yaw - self.yaw_bias + self._yaw_zero)
         self.plant.pitch.bolt(pitch - self.pitch_bias + self._pitch_zero)
 
@@ -129,17 +135,17 @@ class SimMount:
 
     @property
     def ordered(self) -> tuple[float, float]:
-        """Yaw and pitch that were ordered last, rad."""
+        """Yaw and pitch ordered last, rad, as the electronics count them."""
         return self._counted(self.plant.yaw.target, self.plant.pitch.target)
 
     def _counted(self, yaw: float, pitch: float) -> tuple[float, float]:
-        """Return angles of the axes as the electronics count them."""
+        """Return angles of the axes, rad, as the electronics count them: with sign and zero."""
         return self._yaw_sign * (yaw - self._yaw_zero), self._pitch_sign * (
             pitch - self._pitch_zero
         )
 
     def measure(self, *, pitch_measured: bool = True) -> tuple[float, float]:
-        """Return yaw and pitch now, rad; without a sensor the pitch that was ordered."""
+        """Return the measured yaw and pitch, rad; without a pitch sensor, the ordered pitch."""
         self.advance()
         self.measured_t = self._world.t
         plant = self.plant

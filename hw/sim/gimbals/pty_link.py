@@ -1,4 +1,4 @@
-"""The far end of a pseudo-terminal: where a modelled device sits on a serial port."""
+"""The far end of a pseudo-terminal, to which a device model on a serial port is connected."""
 
 import asyncio
 import contextlib
@@ -11,32 +11,35 @@ _READ_SIZE = 4096
 
 
 class PtyLink:
-    """The master of a pseudo-terminal; a ByteLink. It is open from the start."""
+    """The master of a pseudo-terminal as a `landerd.ports.ByteLink`; it is open from the start."""
 
     def __init__(self, master: int, slave: int) -> None:
-        """Take both file descriptors; the slave's is kept so that a driver may come and go."""
+        """Take both file descriptors.
+
+        The slave is kept open, so that a driver may close it and open it again.
+        """
         self._master, self._slave = master, slave
         os.set_blocking(master, False)
         self._inbox = Inbox()
         self._is_closed = False
 
     async def open(self) -> None:
-        """Listen."""
+        """Start to receive. Raises DeviceLost."""
         if self._is_closed:
             raise DeviceLost("pty: closed")
         asyncio.get_running_loop().add_reader(self._master, self._receive)
 
     async def read(self) -> bytes:
-        """Wait for bytes and return all that are there. Raises DeviceLost."""
+        """Wait for bytes and return all that have arrived. Raises DeviceLost."""
         return await self._inbox.get()
 
     def write(self, data: bytes) -> None:
-        """Write bytes; what the terminal does not take is lost, as on a wire."""
+        """Write bytes; those that the terminal does not take are lost, as on a wire."""
         with contextlib.suppress(OSError):
             os.write(self._master, data)
 
     async def close(self) -> None:
-        """Hang up; safe to call twice."""
+        """Close both ends; safe to call twice."""
         if not self._is_closed:
             self._is_closed = True
             asyncio.get_running_loop().remove_reader(self._master)

@@ -1,4 +1,8 @@
-"""Servos on each of the three outputs: pulses in, angles of the gimbal out."""
+"""Modelled servos on each of the three outputs: from pulses to the angles of the gimbal.
+
+The outputs are those of the autopilot (DO_SET_SERVO), a PWM chip of the Linux kernel (sysfs), and a
+PCA9685 on an I2C bus.
+"""
 
 import asyncio
 import math
@@ -28,17 +32,18 @@ from hw.sim.gimbals.bench import Bench, Connected
 from hw.sim.gimbals.imu import imu_bus
 from hw.sim.gimbals.mount import SimMount
 
-_FRAME_S = 0.02  # a servo looks at its pulse once a period
+_FRAME_S = 0.02  # period of the pulses, once in which a servo takes a new width
 
 
 class Servos:
-    """The servos: each goes to the angle of its pulse, off by the linkage's error.
+    """The servos, each of which goes to the angle of its pulse, with the error of its linkage.
 
     Attributes:
-        channels: theirs.
+        channels: of all servos.
     """
 
     def __init__(self, options: ServoOptions, mount: SimMount) -> None:
+        """Take the servos' tables and channels, and the gimbal that they move."""
         self._yaw, self._pitch = options.yaw, options.pitch
         self.channels = [axis.channel for axis in options.axes]
         self._mount = mount
@@ -46,7 +51,7 @@ class Servos:
             mount.plant.yaw.bolt(-mount.yaw_bias)
 
     def move(self, pulses: Mapping[int, float]) -> None:
-        """Take pulse widths, us by channel; a channel without pulses leaves its servo as it is."""
+        """Order the angles of pulse widths, us by channel; a servo without pulses stays."""
         mount = self._mount
         yaw, pitch = mount.ordered
         if self._yaw is not None and self._yaw.channel in pulses:
@@ -57,7 +62,7 @@ class Servos:
 
 
 def angle_of(axis: ServoAxisOptions, pulse: float) -> float:
-    """Return the angle of a servo at a pulse width (us), rad; beyond its table it stops."""
+    """Return the angle of a servo, rad, at a pulse width, us, limited to its table."""
     rising = sorted((p, a) for a, p in axis.table)
     pulse = max(rising[0][0], min(rising[-1][0], pulse))
     for (p0, a0), (p1, a1) in pairwise(rising):
@@ -67,15 +72,19 @@ def angle_of(axis: ServoAxisOptions, pulse: float) -> float:
 
 
 class SetServo:
-    """The autopilot's outputs under DO_SET_SERVO, as measured of ArduCopter."""
+    """The autopilot's outputs under DO_SET_SERVO, as measured on ArduCopter."""
 
     streams: Mapping[int, Callable[[float, int], Message]] = {}
 
     def __init__(self, servos: Servos) -> None:
+        """Take the servos on the outputs."""
         self._servos = servos
 
     def command(self, command: Message, t: float) -> int | None:
-        """Move a servo; an output that has another function is refused."""
+        """Move a servo and return a MAV_RESULT; None: it is another command.
+
+        An output that has another function is refused.
+        """
         if command.command != mavlink.MAV_CMD_DO_SET_SERVO:
             return None
         channel = round(command.param1)
@@ -85,7 +94,7 @@ class SetServo:
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
     def message(self, message: Message, t: float) -> None:
-        """Take no other message."""
+        """Ignore all messages."""
 
 
 def connect_mavlink(options: ServoMavlinkOptions, bench: Bench) -> Connected:
@@ -97,9 +106,10 @@ def connect_mavlink(options: ServoMavlinkOptions, bench: Bench) -> Connected:
 
 
 class PwmChip:
-    """A PWM chip of the kernel's as a tree of files, looked at once a period of the servos."""
+    """A PWM chip of the Linux kernel as a tree of files, read once per period of the pulses."""
 
     def __init__(self, servos: Servos, chip: Path) -> None:
+        """Make the chip's files in a folder that exists."""
         self._servos, self._chip = servos, chip
         (chip / "export").touch()
         for channel in servos.channels:
@@ -109,7 +119,7 @@ class PwmChip:
                 (folder / name).write_text("0", encoding="ascii")
 
     async def run(self) -> None:
-        """Turn pulses into angles until cancelled."""
+        """Move the servos by the files' pulses until cancelled."""
         while True:
             await asyncio.sleep(_FRAME_S)
             pulses = {}
@@ -121,11 +131,12 @@ class PwmChip:
 
 
 def _number(path: Path) -> int:
+    """Return the number in a file; an empty one counts as 0."""
     return int(path.read_text(encoding="ascii") or "0")
 
 
 class _OwnPwmChip(PwmChip):
-    """One in a folder of its own, removed with it."""
+    """A PWM chip in a temporary folder, which is removed when it stops."""
 
     def __init__(self, servos: Servos) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="landerd-pwm-")
@@ -138,20 +149,21 @@ class _OwnPwmChip(PwmChip):
 
 
 def connect_sysfs(options: ServoSysfsOptions, bench: Bench) -> Connected:
-    """Return driver and chip; the chip's files are in a folder of their own."""
+    """Return driver and chip; the chip's files are in a temporary folder."""
     chip = _OwnPwmChip(Servos(options, bench.mount))
     own = options.model_copy(update={"chip": chip.chip})
     return ServoSysfsGimbal(own, imu_bus(options.imu, bench.mount)), chip
 
 
 class Pca9685Model:
-    """The chip's registers; an I2C bus (smbus2.SMBus) with nothing else on it.
+    """The registers of a PCA9685 on an I2C bus of its own, used like a smbus2.SMBus.
 
     Attributes:
-        gone: nothing answers at its address.
+        gone: fault: the chip does not answer.
     """
 
     def __init__(self, servos: Servos, address: int, oscillator_hz: float) -> None:
+        """Take the servos, the chip's address on the bus, and its clock."""
         self.gone = False
         self._servos, self._address = servos, address
         self._oscillator_hz = oscillator_hz
@@ -166,7 +178,7 @@ class Pca9685Model:
             self._registers[register] = value
 
     def write_i2c_block_data(self, i2c_addr: int, register: int, data: list[int]) -> None:
-        """Write registers one after the other. Raises OSError."""
+        """Write bytes to consecutive registers, and move the servos. Raises OSError."""
         self._select(i2c_addr)
         increment = 1 if self._registers[MODE1] & AUTO_INCREMENT else 0
         for i, value in enumerate(data):
@@ -175,10 +187,10 @@ class Pca9685Model:
             self._servos.move({c: self.pulse_us(c) for c in self._servos.channels})
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Release the bus."""
 
     def pulse_us(self, channel: int) -> float:
-        """Return a channel's pulse width."""
+        """Return a channel's pulse width, us."""
         at = LED0_ON_L + 4 * channel
         on, off = (self._registers[i] | self._registers[i + 1] << 8 for i in (at, at + 2))
         step_us = 1e6 * (self._registers[PRE_SCALE] + 1) / self._oscillator_hz
@@ -190,7 +202,7 @@ class Pca9685Model:
 
 
 def connect_pca9685(options: ServoPca9685Options, bench: Bench) -> Connected:
-    """Return the driver on a bus with the chip."""
+    """Return the driver, on a bus with a modelled chip."""
     chip = Pca9685Model(Servos(options, bench.mount), options.address, options.oscillator_hz)
     imu = imu_bus(options.imu, bench.mount)
     return ServoPca9685Gimbal(options, I2c(lambda _: chip, in_thread=False), imu), None

@@ -1,4 +1,4 @@
-"""The driver `sim`: a gimbal that speaks no protocol, and what can go wrong with it."""
+"""The driver `sim`: a simulated gimbal without a protocol, and its faults."""
 
 import asyncio
 import math
@@ -13,35 +13,36 @@ from hw.sim.physics.response import STEP_S
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost, Feedback, GimbalTraits
 
-REPORT_PERIOD_S = 0.02
+REPORT_PERIOD_S = 0.02  # between reports of the angles
 
 
 class GimbalFault(Enum):
-    """What can go wrong with the device."""
+    """Faults of the device."""
 
-    SILENT = "silent"  # reports nothing
-    FROZEN = "frozen"  # repeats the last angles with new times
-    NAN = "nan"  # reports angles that are no numbers
-    LOST = "lost"  # is gone from the bus
-    RAISES = "raises"  # its driver has an error that nobody foresaw
+    SILENT = "silent"  # it reports nothing
+    FROZEN = "frozen"  # it repeats the last angles with new times
+    NAN = "nan"  # it reports angles of NaN
+    LOST = "lost"  # it is disconnected
+    RAISES = "raises"  # its driver raises an unexpected exception
 
 
 class SimGimbal:
-    """The device that landerd talks to (landerd.ports.Gimbal).
+    """Implements landerd.ports.Gimbal.
 
     Attributes:
-        fault: set it to break the device.
-        late_s: reports are so old, and say nothing of it.
+        fault: the present fault; may be changed at any time.
+        late_s: fault: age of reports, whose times do not show it.
     """
 
     def __init__(self, mount: SimMount, options: SimGimbalOptions) -> None:
+        """Take the gimbal in the world, and whether it measures its pitch."""
         self.fault: GimbalFault | None = None
         self._mount = mount
         self._options = options
         self._next_report = 0.0
         self._last: GimbalState | None = None
         self.late_s = 0.0
-        self._under_way: deque[tuple[float, GimbalState]] = deque()  # when measured, what
+        self._under_way: deque[tuple[float, GimbalState]] = deque()  # time of measurement, report
         self.traits = GimbalTraits(
             Reference.BODY,
             Feedback.MEASURED if options.pitch_feedback else Feedback.ORDERED,
@@ -57,7 +58,7 @@ class SimGimbal:
         self._next_report = asyncio.get_running_loop().time()
 
     async def state(self) -> GimbalState:
-        """Wait for the next report, 50 a second. Raises DeviceLost."""
+        """Wait for the next report, of which there are 50 per second. Raises DeviceLost."""
         loop = asyncio.get_running_loop()
         while True:
             missed = max(0.0, (loop.time() - self._next_report) // REPORT_PERIOD_S)
@@ -71,7 +72,7 @@ class SimGimbal:
                 return self._report(loop.time())
 
     def command(self, command: GimbalCommand) -> None:
-        """Take new target angles; what is no number is dropped."""
+        """Take new target angles; those that are not finite are ignored."""
         if self.fault is GimbalFault.LOST:
             return
         if math.isfinite(command.yaw) and math.isfinite(command.pitch):
@@ -81,6 +82,7 @@ class SimGimbal:
         """Release the device."""
 
     def _report(self, t: float) -> GimbalState:
+        """Return the report for a time t, s, as the fault and the delay leave it."""
         if self.fault is GimbalFault.NAN:
             return GimbalState(t, math.nan, math.nan, math.nan, Reference.BODY)
         if self.fault is GimbalFault.FROZEN and self._last is not None:

@@ -1,4 +1,4 @@
-"""A SimpleBGC controller on its serial port."""
+"""A modelled SimpleBGC controller on a serial port."""
 
 import math
 
@@ -23,11 +23,11 @@ from landerd.geometry import clamp
 from landerd.messages import Reference
 from landerd.ports import ByteLink
 
-_PITCH_LIMITS = (math.radians(-30.0), math.radians(100.0))  # its soft limits; positive is down
+_PITCH_LIMITS = (math.radians(-30.0), math.radians(100.0))  # soft limits, rad; positive is down
 
 
 class SimpleBgcModel(ByteModel):
-    """Moves only with its motors on, and only in the modes that the driver uses."""
+    """The controller: it moves only with its motors on, and only in the driver's modes."""
 
     def __init__(self, mount: SimMount, link: ByteLink) -> None:
         super().__init__(mount, link, frame_scanner())
@@ -47,12 +47,12 @@ class SimpleBgcModel(ByteModel):
                 self.mount.aim(UNIT * yaw, -clamp(UNIT * pitch, *_PITCH_LIMITS))
         elif command == CMD_GET_ANGLES_EXT:
             yaw, pitch = (round(angle / UNIT) for angle in self.mount.measure())
-            heading = 1000  # of the IMU, from wherever it was switched on
+            heading = 1000  # of the IMU, from an arbitrary direction at power-on
             answer = ANGLES_EXT.pack(0, 0, 0, -pitch, 0, -pitch, heading, 0, yaw)
             self._answer(encode(CMD_GET_ANGLES_EXT, answer))
 
 
 def connect(options: SimpleBgcOptions, bench: Bench) -> Connected:
-    """Return driver and model, joined."""
+    """Return driver and model, joined by a link."""
     near, far = bench.join(options.url)
     return SimpleBgcGimbal(options, near), SimpleBgcModel(bench.mount, far)

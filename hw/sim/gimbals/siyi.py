@@ -1,4 +1,4 @@
-"""A SIYI gimbal on UDP or a serial port."""
+"""A modelled SIYI gimbal on UDP or a serial port."""
 
 import math
 
@@ -24,11 +24,11 @@ from landerd.geometry import clamp
 from landerd.messages import Reference
 from landerd.ports import ByteLink
 
-_FULL_SPEED = math.radians(90.0)  # of an order of 100, rad/s
+_FULL_SPEED = math.radians(90.0)  # turn rate for an order of 100, rad/s
 
 
 class SiyiModel(ByteModel):
-    """Turns at the ordered speeds until told otherwise."""
+    """The gimbal, which turns at the ordered rates until the next order."""
 
     def __init__(self, mount: SimMount, link: ByteLink) -> None:
         super().__init__(mount, link, frame_scanner())
@@ -55,11 +55,12 @@ class SiyiModel(ByteModel):
             self._answer(encode(ANSWER, number, CMD_ATTITUDE, answer))
 
     def _turn(self, yaw: int, pitch: int) -> None:
+        """Order turn rates from -100 to 100."""
         share = _FULL_SPEED / 100.0
         self.mount.turn(share * clamp(yaw, -100, 100), share * clamp(pitch, -100, 100))
 
 
 def connect(options: SiyiOptions, bench: Bench) -> Connected:
-    """Return driver and model, joined."""
+    """Return driver and model, joined by a link."""
     near, far = bench.join(options.url)
     return SiyiGimbal(options, near), SiyiModel(bench.mount, far)

@@ -1,4 +1,4 @@
-"""A STorM32 controller on its serial port."""
+"""A modelled STorM32 controller on a serial port."""
 
 import math
 import struct
@@ -23,19 +23,19 @@ from hw.sim.gimbals.mount import SimMount
 from landerd.messages import Reference
 from landerd.ports import ByteLink
 
-_CMD_ACK = 150
-_OK = b"\x00"
+_CMD_ACK = 150  # command byte of an acknowledgement
+_OK = b"\x00"  # its payload if all is well
 
 
 class Storm32Model(ByteModel):
-    """Answers everything but what begins with the byte that asks for silence."""
+    """The controller, which answers all requests except those whose first byte asks for none."""
 
     def __init__(self, mount: SimMount, link: ByteLink) -> None:
         super().__init__(mount, link, frame_scanner(TO_GIMBAL + TO_GIMBAL_SILENT))
         mount.plant.reference = Reference.HORIZON
 
     def _booted(self) -> None:
-        self.mount.aim(0.0, 0.0)  # it levels itself
+        self.mount.aim(0.0, 0.0)  # it levels the camera
 
     def _take(self, frame: bytes) -> None:
         command, payload = frame[2], frame[3:-2]
@@ -51,6 +51,6 @@ class Storm32Model(ByteModel):
 
 
 def connect(options: Storm32Options, bench: Bench) -> Connected:
-    """Return driver and model, joined."""
+    """Return driver and model, joined by a link."""
     near, far = bench.join(options.url)
     return Storm32Gimbal(options, near), Storm32Model(bench.mount, far)
