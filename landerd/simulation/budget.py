@@ -1,7 +1,7 @@
 """Benchmark of this computer: the daemon searches a simulated landing's pictures in real time.
 
-The landing is flown once, as fast as it goes, and kept. Then its pictures, telemetry and gimbal
-angles are played to a new daemon on the wall's clock, so that drawing the pictures does not count.
+The landing is flown once, as fast as possible, and recorded. Then its pictures, telemetry and
+gimbal angles are played to a new daemon in real time, so that drawing the pictures does not count.
 """
 
 import asyncio
@@ -38,30 +38,31 @@ from landerd.runtime.observer import Observer
 from landerd.simulation.flight import Simulation
 from landerd.vision import Vision
 
-_PICTURES = 300  # at most; of the flight's last part, where set-points follow them
-_LONGEST_S = 60.0  # of the simulated flight
-_ON_THE_WAY_S = 0.03  # old are pictures when they come
+# Largest number of pictures; they are of the last part of the flight, where set-points follow them.
+_PICTURES = 300
+_LONGEST_S = 60.0  # longest duration of the simulated flight
+_ON_THE_WAY_S = 0.03  # age of pictures when they arrive
 
 T = TypeVar("T")
-_LANDERS_OWN = (Tick, Shutdown, Sightings)
+_LANDERS_OWN = (Tick, Shutdown, Sightings)  # inputs that the daemon makes itself
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What was measured; times in s, of pictures that a set-point followed."""
+    """What was measured; the times are those of pictures that a set-point followed."""
 
-    pictures_hz: float  # searched one after the other
-    median_s: float  # from a picture's coming to the next set-point
-    p99_s: float
-    pictures: int  # that it is of
-    gap_s: float  # the control task's longest
+    pictures_hz: float  # rate at which pictures are searched one after the other
+    median_s: float  # median time from a picture's arrival to the next set-point
+    p99_s: float  # 99th percentile of that time
+    pictures: int  # number of pictures with such a time
+    gap_s: float  # longest time between two steps of the control task
 
 
 def measure(loaded: Loaded) -> Budget:
-    """Measure this computer; takes a minute on a slow one.
+    """Return the speed of this computer; it takes a minute to measure a slow one.
 
     Args:
-        loaded: a configuration that flies the simulator.
+        loaded: a configuration for the simulator.
 
     Raises:
         CalibrationError: the camera's calibration cannot be used.
@@ -87,8 +88,9 @@ def measure(loaded: Loaded) -> Budget:
 async def _play(
     kept: "_Kept", simulation: Simulation, traits: GimbalTraits, times: "_Times"
 ) -> float:
-    """Run a new daemon on the recorded input; return the longest gap of its loop, s."""
-    begin = kept.frames[0][0].t - 3.0  # until it knows where it is and may fly
+    """Run a new daemon on the recorded input; return its control task's longest gap, s."""
+    # It starts early enough to know its position, and that it may fly, before the first picture.
+    begin = kept.frames[0][0].t - 3.0
     shift = asyncio.get_running_loop().time() + 0.5 - begin
     frames = [frame for frame, _ in kept.frames]
     messages = [_switch_low_before(begin + 2.0, m) for m in kept.messages if m.t > begin]
@@ -112,7 +114,10 @@ async def _play(
 
 
 def _switch_low_before(t: float, message: AutopilotMessage) -> AutopilotMessage:
-    """Return a message; the pilot's switches are low until then: landerd wants to have seen it."""
+    """Return a message with the pilot's switches low if it is older than t, s.
+
+    landerd flies only after it has seen the switch low.
+    """
     if not isinstance(message, RcChannels) or message.t > t:
         return message
     return dataclasses.replace(message, channels_us=(1000,) * len(message.channels_us))
@@ -120,7 +125,7 @@ def _switch_low_before(t: float, message: AutopilotMessage) -> AutopilotMessage:
 
 @dataclass
 class _Kept(Observer):
-    """All that came in during a flight."""
+    """Records all input of a flight."""
 
     frames: list[tuple[Frame, Prior]] = field(default_factory=list)
     angles: list[GimbalState] = field(default_factory=list)
@@ -128,7 +133,7 @@ class _Kept(Observer):
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         self.frames.append((frame, prior))
-        del self.frames[: -2 * _PICTURES]  # memory: a picture may have a megabyte
+        del self.frames[: -2 * _PICTURES]  # to save memory: a picture may have a megabyte
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         if isinstance(message, GimbalState):
@@ -161,18 +166,19 @@ class _Played(Generic[T]):
     def __init__(
         self, things: list[T], shift: float, due: Callable[[T], float], *, newest: bool = False
     ) -> None:
-        """Make it.
+        """Take recorded items.
 
         Args:
-            things: with a time `t` each, in their order.
-            shift: what makes the loop's time of theirs, s.
-            due: when one comes, by its own time.
-            newest: those that nobody waited for are lost, but for the last.
+            things: items with a time `t` each, in order.
+            shift: the loop's time minus that of the recording, s.
+            due: returns the time of the recording at which an item arrives, s.
+            newest: whether items that have not been fetched are replaced by later ones.
         """
         self._things, self._shift, self._due, self._newest = things, shift, due, newest
         self._next = 0
 
     async def next(self) -> T:
+        """Wait for the next item; return it with its time on the loop's clock."""
         loop = asyncio.get_running_loop()
         if self._next == len(self._things):
             await asyncio.Event().wait()
@@ -208,7 +214,7 @@ class _Gimbal(_Device):
 
 
 class _Autopilot(_Device):
-    """Takes all orders and follows none."""
+    """Accepts all orders and obeys none."""
 
     counters: Mapping[str, int] = {}
     vehicle_parameters: Mapping[str, float] = {}

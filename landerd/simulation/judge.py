@@ -1,4 +1,7 @@
-"""Connects score, rules and safety monitor with the simulated world and the link."""
+"""Connects score, rules and safety monitor to the simulated world and the link.
+
+They themselves are in `hw.sim.judge`.
+"""
 
 import asyncio
 import math
@@ -23,8 +26,8 @@ from landerd.messages import Frame
 from landerd.pad import PadLayout, size_m
 from landerd.simulation.surroundings import Surroundings
 
-# Of a marker's outline, or of one round its inner cells, from which a picture counts as one that
-# shows it: landerd may follow a tag of which the lens shows one corner, or the middle.
+# Least share of a marker's outline, or of one round its inner cells, with which a picture counts as
+# a sighting by the rules: landerd may follow a tag of which only a corner or the middle is in view.
 FOLLOWED_SHARE = 0.25
 
 
@@ -34,13 +37,13 @@ class Judge:
     def __init__(
         self, loaded: Loaded, layout: PadLayout, camera_model: CameraModel, around: Surroundings
     ) -> None:
-        """Make one that hears of nothing yet but the world.
+        """Prepare to judge a flight; only the world is connected yet.
 
         Args:
-            loaded: what landerd is bound to.
-            layout: the pad in the world.
-            camera_model: of the world's own lens.
-            around: where the flight takes place.
+            loaded: landerd's configuration, which the rules depend on.
+            layout: of the pad in the world.
+            camera_model: of the true lens.
+            around: world, link and vehicle of the flight.
         """
         world = around.world
         bounds = rule_bounds(loaded, around, has_heading=layout.has_heading)
@@ -66,7 +69,7 @@ class Judge:
         self._link, self._vehicle = around.link, around.vehicle
 
     def listen(self) -> None:
-        """Hear from now on what passes at landerd's end of the link, and what leaves the other."""
+        """Pass on, from now, what landerd sends and receives, and what the autopilot sends."""
         self._link.tap = self.rules.from_landerd
         self._link.heard = self.rules.to_landerd
         self._world.on_step.append(self._on_step)
@@ -74,15 +77,15 @@ class Judge:
             self._vehicle.far.tap = self.rules.from_autopilot
 
     def watch(self, mount: SimMount) -> None:
-        """Hear from now on when angles of the gimbal reach landerd, and how old they are."""
+        """Pass on, from now, when gimbal angles reach landerd, and when they were measured."""
         mount.reported = self.rules.on_gimbal
         self.rules.on_mounted(mount.hidden_heading(self._camera_rotation_deg))
 
     def watch_reach(self, can_see: Callable[[], bool]) -> Reach:
-        """Watch from now on whether the pad drives away while landerd cannot go along with it.
+        """Watch, from now, whether the pad drives away while landerd cannot follow it.
 
         Args:
-            can_see: nothing is made to go wrong at the moment.
+            can_see: tells whether no fault is present.
         """
         marker_px = self._frustum.camera.fx * max(map(size_m, self._layout.markers))
         return Reach(
@@ -93,14 +96,14 @@ class Judge:
         )
 
     def stop_listening(self) -> None:
-        """Leave the link alone: what comes or does not come over it is landerd's no more."""
+        """Stop to judge the link and the world: landerd does not fly any more."""
         self._link.tap = self._link.heard = None
         self._world.on_step.remove(self._on_step)
         if self._vehicle is not None:
             self._vehicle.far.tap = None
 
     def on_delivered(self, frame: Frame, snapshot: Snapshot) -> None:
-        """A picture was delivered; the truth at its exposure says whether a marker is in it."""
+        """Judge a delivered picture: the truth at its exposure shows whether a marker is in it."""
         view = self._layout, self._frustum, snapshot.camera, snapshot.pad
         is_shown = bool(visible_markers(*view))
         if is_shown or visible_markers(*view, FOLLOWED_SHARE, by_cells=True):
@@ -110,7 +113,10 @@ class Judge:
 
     @property
     def _is_in_guided(self) -> bool:
-        """Whether the vehicle is, whatever landerd has heard; of one elsewhere only that tells."""
+        """Whether the simulated autopilot is in GUIDED, whatever landerd has heard.
+
+        Of an autopilot outside this process it is not known, and True.
+        """
         stand_in = self._vehicle.stand_in if self._vehicle is not None else None
         return stand_in is None or stand_in.copter.mode == Mode.GUIDED
 
@@ -123,12 +129,12 @@ class Judge:
 
 
 def rule_bounds(loaded: Loaded, around: Surroundings, *, has_heading: bool) -> RuleBounds:
-    """Return what the rules allow of a flight with this configuration.
+    """Return the limits that the rules set for a flight with this configuration.
 
     Args:
-        loaded: has limits, freshness and the descent region.
-        around: where the flight takes place.
-        has_heading: the pad has.
+        loaded: the configuration.
+        around: world, link and vehicle of the flight.
+        has_heading: whether the pad's markers show its heading.
     """
     config = loaded.config
     guidance, fresh = config.guidance, config.freshness
@@ -171,7 +177,7 @@ def rule_bounds(loaded: Loaded, around: Surroundings, *, has_heading: bool) -> R
 
 
 def _servo_outputs(loaded: Loaded) -> frozenset[int]:
-    """Return the outputs of the autopilot that move the gimbal."""
+    """Return the numbers of the autopilot's outputs that move the gimbal."""
     options = loaded.options.get(f"gimbal.{loaded.config.gimbal.driver}")
     if not isinstance(options, ServoMavlinkOptions):
         return frozenset()

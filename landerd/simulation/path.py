@@ -1,33 +1,35 @@
-"""Where a simulated vehicle flew, in columns: what campaigns keep of a flight for their figures."""
+"""The path of a simulated flight in columns, which campaigns keep for their figures."""
 
 import math
 
 from landerd.geometry import Vec3
 from landerd.simulation.recording import Recording
 
-EVERY = 3  # of the samples: every 0.3 s
-DIGITS = 3
+EVERY = 3  # each third sample is kept: one every 0.3 s
+DIGITS = 3  # decimal places kept
 
 Column = list[float | None]
 
+# Names of the columns: first those by truth.
 _BY_TRUTH = ("t", "north", "east", "up", "pad_north", "pad_east", "heading_error_deg")
 _NAMES = (*_BY_TRUTH, *"xyz", "ahead", "right", "below")
 _UNKNOWN = (None, None, None)
 
 
 def path_of(recording: Recording, first_sighting_t: float | None) -> dict[str, Column]:
-    """Return the path from the first sighting on, by truth.
+    """Return the path from the first sighting on, as truth, sightings and estimates show it.
 
     Args:
         recording: of the flight.
-        first_sighting_t: s on the loop's clock; None: there was none, and the path is empty.
+        first_sighting_t: time of the first sighting on the loop's clock, s; None: there was none,
+            and the columns are empty.
 
     Returns:
-        Columns of one length: `t` since the first sighting, s; `north`, `east`, `up` of the
-        vehicle's feet and `pad_north`, `pad_east` of the landing point, m, in axes of the pad at
-        its start; `heading_error_deg`; `x`, `y`, `z` of the landing point in the camera's frame as
-        seen, m, None where it was not; `ahead`, `right`, `below` of it from the vehicle's feet by
-        landerd's own estimate, m, None where it had none.
+        columns of the same length: `t` since the first sighting, s; `north`, `east`, `up` of the
+        vehicle's feet and `pad_north`, `pad_east` of the landing point, m, on the axes of the pad
+        at its start; `heading_error_deg`; `x`, `y`, `z` of the landing point as seen, camera frame,
+        m, None: not seen; `ahead`, `right`, `below` of the landing point from the vehicle's feet as
+        landerd estimates it, m, None: no estimate.
     """
     columns: dict[str, Column] = {name: [] for name in _NAMES}
     if first_sighting_t is None:

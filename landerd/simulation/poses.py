@@ -1,7 +1,7 @@
-"""Pictures along the thesis's approach, searched for markers: how true are their poses (3.3, 3.4)?
+"""Errors of markers' poses in pictures along the thesis's approach (3.3, 3.4).
 
-Nothing flies: every picture is taken from a standing camera and searched as the first of a flight,
-with gravity as the autopilot's attitude would tell it.
+Nothing flies: every picture is taken by a camera that stands still, and is searched as the first of
+a flight, with gravity as the autopilot's attitude would give it.
 """
 
 import math
@@ -38,24 +38,34 @@ from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior
 from landerd.pad import Marker, PadLayout, load_pad
 from landerd.vision import Vision
 
-HEIGHT_M = 10.0  # the thesis comes level at this height,
-FROM_M = 16.0  # from so far, where it begins to see the pad,
-DOWN_TO_M = 0.5  # and then down to this
-PICTURES = 40  # on the way, half of them level
-ASIDE_M = 0.3  # standard deviation of the way from the ideal one,
-AIM_DEG = 3.0  # of the camera's aim,
-GRAVITY_DEG = 0.5  # and of gravity as attitude and gimbal angles tell it
-FLIPPED = math.cos(math.radians(20.0))  # an axis further off than this is of the other solution
+# The thesis's approach: level flight at the first height, from the distance at which the pad comes
+# into view, and then down to the last height.
+HEIGHT_M = 10.0
+FROM_M = 16.0
+DOWN_TO_M = 0.5
+PICTURES = 40  # number of pictures, half of them in level flight
+# Standard deviations: of the camera's place from that path, of its aim, and of the direction of
+# gravity by attitude and gimbal angles.
+ASIDE_M = 0.3
+AIM_DEG = 3.0
+GRAVITY_DEG = 0.5
+# A pad's normal with a larger error is that of the other solution of the planar ambiguity.
+FLIPPED = math.cos(math.radians(20.0))
 
 
 def see_poses(loaded: Loaded, scenario: str, seed: int) -> dict[str, Any]:
     """Take and search the pictures of one approach.
 
+    Args:
+        loaded: configuration of landerd and of the simulated world.
+        scenario: its name, which is returned.
+        seed: of all that is random.
+
     Returns:
-        `poses`: for every picture a mapping with `distance_m` from lens to pad, `markers` (by kind:
-        `distance_m`; `error_m` north, east, up; `yaw_error_rad`, None of plain rings), and whether
-        the pad's axis was `flipped`, None where it was not seen; `flipped_alone` if gravity is not
-        told. `scenario` and `seed`.
+        `scenario`; `seed`; and `poses`: for each picture a mapping with `distance_m` from lens to
+        pad, `markers` (by kind: `distance_m`; `error_m` north, east, up; `yaw_error_rad`, None for
+        plain rings), `flipped`: whether the pad's normal is that of the other solution, None if the
+        pad was not seen, and `flipped_alone`: the same without knowledge of gravity.
 
     Raises:
         CalibrationError: the camera's calibration cannot be used.
@@ -92,7 +102,10 @@ def see_poses(loaded: Loaded, scenario: str, seed: int) -> dict[str, Any]:
 
 
 def _on_the_way(share: float, pad: PadPose, rng: np.random.Generator) -> CameraPose:
-    """Return a camera that looks about at the pad from a point of the approach, from the south."""
+    """Return the pose of a camera that looks at the pad, roughly, from a point of the approach.
+
+    The approach comes from the south; `share` of it, 0 to 1, has been flown.
+    """
     along = 2.0 * share
     north = -FROM_M * max(0.0, 1.0 - along)
     height = HEIGHT_M - (HEIGHT_M - DOWN_TO_M) * max(0.0, along - 1.0)
@@ -107,7 +120,7 @@ def _on_the_way(share: float, pad: PadPose, rng: np.random.Generator) -> CameraP
 
 
 def _gravity(R_local_camera: Mat3, rng: np.random.Generator) -> Vec3:
-    """Return the direction of gravity in the camera's axes, as wrong as it is told."""
+    """Return the direction of gravity in the camera frame, with a random error."""
     x, y = np.radians(rng.normal(0.0, GRAVITY_DEG, 2))
     return rotate(transpose(R_local_camera), unit((float(x), float(y), 1.0)))
 
@@ -115,6 +128,7 @@ def _gravity(R_local_camera: Mat3, rng: np.random.Generator) -> Vec3:
 def _errors(
     seen: tuple[MarkerSighting, ...], print_: PadLayout, pose: CameraPose, pad: PadPose
 ) -> dict[str, Any]:
+    """Return distance and errors of each marker seen, by kind; see `see_poses`."""
     errors: dict[str, Any] = {}
     for sighting in seen:
         true = next(m for m in print_.markers if m.kind == sighting.kind)
@@ -131,6 +145,7 @@ def _errors(
 
 
 def _yaw_error(found: PoseSolution, true: Marker, pose: CameraPose, pad: PadPose) -> float | None:
+    """Return the error of a marker's heading, rad; None: the marker has none."""
     if found.north is None:
         return None
     heading = math.radians(getattr(true, "heading_deg", 0.0)) + heading_of(
@@ -140,7 +155,7 @@ def _yaw_error(found: PoseSolution, true: Marker, pose: CameraPose, pad: PadPose
 
 
 def _flipped(found: tuple[PoseSolution, ...], pose: CameraPose, pad: PadPose) -> bool | None:
-    """Tell whether the likelier solution's axis is the mirrored one; None: the pad was not seen."""
+    """Tell whether the likelier solution is the wrong one; None: the pad was not seen."""
     if not found:
         return None
     normal = rotate(pose.R_local_camera, found[0].normal)

@@ -1,4 +1,4 @@
-"""Records a simulated flight for its result and its picture."""
+"""Records a simulated flight for its result, its path and its drawing."""
 
 import math
 from collections.abc import Callable
@@ -23,32 +23,35 @@ from landerd.messages import (
 )
 from landerd.runtime.observer import Observer
 
-SAMPLE_S = 0.1
-KNOWN_AFTER_S = 2.0  # from the first sighting to when the pad's velocity is to be known
+SAMPLE_S = 0.1  # time between samples
+KNOWN_AFTER_S = 2.0  # time from the first sighting after which the pad's velocity should be known
 
 
 class Recording(Observer):
-    """An observer that keeps what the result and the picture need.
+    """An observer that keeps what result, path and drawing need.
 
     Attributes:
-        began: when the flight began, s on the loop's clock.
-        camera_model: intrinsics of the pictures.
-        samples: where vehicle and pad were.
-        headings: how far off the pad's heading was with every sample, rad.
-        in_camera: the landing point in the camera's frame, m, as last seen with every sample;
-            None: not since the one before.
-        estimates: the landing point from the feet by landerd's own estimate with every sample,
-            ahead, right and below, m; None: it knew of none.
-        phases: the changes of phase or reason, with their loop times.
-        views: the first picture with a marker of each phase, with its time from the beginning.
-        progress: is told a line with every sample.
-        frames: how many were searched.
-        off_centre_px: the marker looked at, in each picture with one.
-        gimbal_errors_px: where the gimbal points against where it was ordered to.
-        nis: normalised innovation squared of every sighting that the filter could compare.
-        hold_errors_m: horizontal, between landing point and vehicle, with every sample while the
-            pilot had it held over the marker and was told that it is there.
-        pad_velocity_error_mps: KNOWN_AFTER_S after the first sighting; None: not known then.
+        began: start of the flight on the loop's clock, s.
+        camera_model: of the pictures.
+        samples: true positions of vehicle and pad.
+        headings: for each sample, the true difference of the vehicle's heading from the pad's, rad.
+        in_camera: for each sample, the landing point as last seen, camera frame, m; None: it was
+            not seen since the sample before.
+        estimates: for each sample, the landing point as landerd estimates it: ahead of, right of
+            and below the feet, m; None: there was no estimate.
+        phases: the changes of phase or reason, with their times on the loop's clock, s.
+        views: for each phase the first picture with a marker, with its time since the start, s.
+        progress: called with a line of text for each sample; None: nobody is told.
+        frames: number of pictures searched.
+        off_centre_px: distance of the tracked marker from the image's centre, for each picture with
+            a marker.
+        gimbal_errors_px: difference of the gimbal's true angles from each order, as a distance in
+            the image.
+        nis: normalised innovation squared of each sighting that the filter could compare.
+        hold_errors_m: horizontal distance of the vehicle from the landing point, for each sample
+            while it holds over the marker as the pilot asked.
+        pad_velocity_error_mps: error of the pad's estimated velocity `KNOWN_AFTER_S` after the
+            first sighting; None: there was no estimate.
     """
 
     def __init__(
@@ -60,14 +63,14 @@ class Recording(Observer):
         *,
         has_pictures: bool = True,
     ) -> None:
-        """The flight begins where and when the world is now.
+        """Prepare to record a flight that starts now.
 
         Args:
             world: the truth.
-            score: says when the pad was first seen.
-            camera_model: intrinsics of the pictures.
-            gimbal_angles: the true yaw and pitch, rad, against what orders are against.
-            has_pictures: frames show something.
+            score: knows when the pad was first seen.
+            camera_model: of the pictures.
+            gimbal_angles: returns the true yaw and pitch, rad, in the reference of orders.
+            has_pictures: whether frames show pictures; with modelled sight they do not.
         """
         self.began = world.t
         self.camera_model = camera_model
@@ -99,11 +102,11 @@ class Recording(Observer):
         return self._lander
 
     def on_flight(self, lander: Lander) -> None:
-        """One flight is all there is, but arming makes a new core."""
+        """Take the core in use: arming makes a new one, although there is only one flight."""
         self._lander = lander
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """Count, and keep the first picture with a marker of each phase."""
+        """Count a picture, and keep the first one with a marker in each phase."""
         self.frames += 1
         if sightings.markers:
             looked_at = min(sightings.markers, key=lambda m: m.kind.startswith("why"))
@@ -117,7 +120,7 @@ class Recording(Observer):
             self.views[phase] = (frame.t - self.began, frame, sightings)
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """Sample the truth, note changes of phase."""
+        """Note changes of phase and innovations, and sample the truth."""
         if self.off_centre_px:
             for command in commands:
                 if isinstance(command, GimbalCommand):
@@ -133,13 +136,14 @@ class Recording(Observer):
                 self.nis.append(nis)
 
     def _compare_gimbal(self, ordered: GimbalCommand) -> None:
-        """Note how far off the picture is that an order has not moved yet."""
+        """Note the difference of the gimbal's angles from an order, px."""
         yaw, pitch = self._gimbal_angles()
         yaw = (ordered.yaw - yaw) * math.cos(pitch)
         pitch = ordered.pitch - pitch
         self.gimbal_errors_px.append(self.camera_model.fx * math.hypot(yaw, pitch))
 
     def _compare_velocity(self, now: float) -> None:
+        """Note the error of the pad's velocity, once, as soon as it should be known."""
         first = self._score.first_sighting_t
         if (
             self.pad_velocity_error_mps is None
@@ -152,6 +156,7 @@ class Recording(Observer):
                 self.pad_velocity_error_mps = norm(difference)
 
     def _sample(self, now: float) -> None:
+        """Add a sample for a time on the loop's clock, s."""
         world, lander = self._world, self.lander
         world.advance(now)
         flown_s = now - self.began
@@ -174,7 +179,7 @@ class Recording(Observer):
             )
 
     def _from_start(self, p: Vec3) -> Vec3:
-        """Return a local point in axes of the pad at its start: to its north, east and up, m."""
+        """Return a local point on the axes of the pad at its start: north, east and up, m."""
         origin = self._start_pad
         x, y, z = rotate(transpose(origin.R_local_pad), sub(p, origin.position))
         return (x, y, -z)

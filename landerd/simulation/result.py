@@ -1,4 +1,4 @@
-"""The result of a simulated landing: the object that is printed, and the drawing."""
+"""The result of a simulated landing: the object that `landerd sim` prints, and the drawing."""
 
 import math
 from collections.abc import Mapping
@@ -26,22 +26,23 @@ class Flown:
 
     began: float
     ended: float
-    timed_out: bool  # it took longer than it may
-    ends_at_contact: bool  # what comes after it was not simulated
+    timed_out: bool  # whether it took longer than it may
+    ends_at_contact: bool  # whether nothing was simulated after the first contact
     score: Score
-    rules_broken: Mapping[str, float]  # with the time of the first break
-    lander: Lander
-    faults: Mapping[str, int]  # bad input, by kind
-    findings: Mapping[str, float]  # of the safety monitor, with the first time
-    happened: Faults  # what was made to go wrong
-    worst: Worst  # contact
-    left_reach_t: float | None  # of the camera's, while landerd could not follow; None: it did not
+    rules_broken: Mapping[str, float]  # rules with the time at which they were first broken
+    lander: Lander  # the core at the end
+    faults: Mapping[str, int]  # number of bad inputs by kind, as the daemon counted them
+    findings: Mapping[str, float]  # of the safety monitor, with the time of the first
+    happened: Faults  # the faults of `sim.faults`
+    worst: Worst  # the hardest contact
+    # When the pad left the camera's reach while landerd could not follow; None: it did not.
+    left_reach_t: float | None
     recording: Recording
-    innovation_gate: float  # sightings with a NIS beyond this were refused
+    innovation_gate: float  # largest NIS of a sighting that is not refused
 
 
 def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
-    """Return the object that `landerd sim --json` prints, but for wall_s."""
+    """Return the object that `landerd sim --json` prints, without wall_s."""
     score, lander, recording = flown.score, flown.lander, flown.recording
     first, contact = score.first_sighting_t, score.contact
     flown_s = flown.ended - flown.began
@@ -84,11 +85,12 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
 
 
 def _breaks(flown: Flown, broken: Mapping[str, float]) -> list[str]:
+    """Return broken rules or findings with their times since the start."""
     return [f"{rule} (at {t - flown.began:.2f} s)" for rule, t in broken.items()]
 
 
 def _excused(flown: Flown) -> list[str]:
-    """Return those breaks and findings that nobody could have kept for a fault."""
+    """Return the broken rules and findings that a fault made unavoidable."""
     broken = {**flown.rules_broken, **flown.findings}
     excused = {
         rule: t for rule, t in broken.items() if flown.happened.excuses(rule, t - flown.began)
@@ -97,6 +99,7 @@ def _excused(flown: Flown) -> list[str]:
 
 
 def _outcome(flown: Flown) -> str:
+    """Return how the flight ended, in words."""
     lander = flown.lander
     if lander.outcome is not None:
         return lander.outcome
@@ -109,21 +112,24 @@ def _outcome(flown: Flown) -> str:
 
 
 def _nis_ratio(flown: Flown) -> float | None:
-    """Return the mean NIS over its expectation: 1 if the filter is as sure as it may be.
+    """Return the mean NIS over its expectation: 1 if the filter's covariance is right.
 
-    Refused sightings count, or a narrow gate would make any filter look right; but none counts for
-    more than the gate, or one false alarm would outweigh a flight.
+    Refused sightings count, as otherwise a narrow gate would make any filter look right. No
+    sighting counts for more than the gate, as otherwise one false alarm would outweigh a flight.
+    None: no sighting could be compared.
     """
     capped = [min(nis, flown.innovation_gate) for nis in flown.recording.nis]
     return sum(capped) / len(capped) / NIS_EXPECTED if capped else None
 
 
 def _refused_percent(flown: Flown) -> float | None:
+    """Return the percentage of sightings that the filter refused; None: there were none."""
     nis = flown.recording.nis
     return 100.0 * sum(n > flown.innovation_gate for n in nis) / len(nis) if nis else None
 
 
 def _phases(flown: Flown) -> list[dict[str, Any]]:
+    """Return name, reason, start and end (s since the start) of each part of the landing."""
     changes = flown.recording.phases
     ends = [t for t, _ in changes[1:]] + [flown.ended]
     began = flown.began
@@ -134,7 +140,13 @@ def _phases(flown: Flown) -> list[dict[str, Any]]:
 
 
 def trace_of(recording: Recording, layout: PadLayout, result: dict[str, Any]) -> Trace:
-    """Return the drawing of a flight with this result over a pad of this layout."""
+    """Return what is drawn of a flight.
+
+    Args:
+        recording: of the flight.
+        layout: of the pad.
+        result: of the flight, for the title.
+    """
     landed = "landed" if result["landed"] else "did not land"
     error = result["touchdown_error_m"]
     trace = Trace(

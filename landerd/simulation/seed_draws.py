@@ -1,4 +1,4 @@
-"""What a seed drew for a simulated flight, beside the distributions in the configuration."""
+"""Random values that a seed gave a simulated flight, other than distributions in its options."""
 
 import math
 
@@ -8,12 +8,12 @@ from hw.sim.stand_in.ekf import Ekf
 
 
 def seed_draws(world: World, mount: SimMount, ekf: Ekf | None) -> dict[str, float]:
-    """Return the drawn values by key, `drawn.…`, for the result's `world`.
+    """Return the random values by key, `drawn.…`, for the result's `world`.
 
     Args:
-        world: at the start, the vehicle has not moved.
+        world: at the start, before the vehicle moves.
         mount: the gimbal.
-        ekf: of the stand-in; None: a real autopilot flies.
+        ekf: of the simulated autopilot; None: a real one flies.
     """
     vehicle, pad = world.vehicle, world.pad
     drawn = {

@@ -1,7 +1,8 @@
-"""One landing of a real ArduCopter in SITL: camera, gimbal and pad are simulated around it.
+"""Simulates one landing with a real ArduCopter in SITL.
 
-SITL flies the physics and keeps the clock; landerd's daemon, driver and link are those of a
-vehicle. With a take-off height a fake ground station does what a pilot would do.
+Camera, gimbal and pad are simulated here; SITL simulates the vehicle and keeps the clock. The
+daemon, its driver and its link are those of a real vehicle. With a take-off height, a simulated
+ground station does what a pilot would do.
 """
 
 import asyncio
@@ -40,32 +41,38 @@ from landerd.simulation.surroundings import (
     speed_on_the_way,
 )
 
-CONNECTS_S = 10.0
-REPORTS_S = 90.0  # ArduCopter needs 42 s from its start to a local origin
-TAKES_OFF_S = 120.0  # arming, take-off and the way to the start
-ON_THE_WAY_MPS = 5.0  # as the stand-in flies, and ArduCopter up to 4.1; newer ones would fly 10
-LANDS_FROM_M = 2.0  # from the pad, where LAND is ordered: within ArduPilot's PLND_XY_DIST_MAX
-ASK_S = 1.0
-REOPEN_S = 0.2
-_THROTTLE_CHANNEL = 3  # low to arm; in the air in the middle, or LOITER would sink
-_BOTTOM_US, _LOW_US, _MIDDLE_US = 1000, 1100, 1500
+CONNECTS_S = 10.0  # longest time to connect
+# Longest time from the connection to the first true state: ArduCopter needs 42 s from its start to
+# a local origin.
+REPORTS_S = 90.0
+TAKES_OFF_S = 120.0  # longest time for arming, take-off and the flight to the start
+# Speed of flights in GUIDED: that of the simulated autopilot and of ArduCopter up to 4.1; newer
+# versions would fly at 10 m/s.
+ON_THE_WAY_MPS = 5.0
+# Horizontal distance from the pad at which LAND is ordered: within ArduPilot's PLND_XY_DIST_MAX.
+LANDS_FROM_M = 2.0
+ASK_S = 1.0  # time without a true state after which it is requested again
+REOPEN_S = 0.2  # time until a lost link is opened again
+# Channel of the throttle: low to arm, and in the middle in flight, as LOITER would sink otherwise.
+_THROTTLE_CHANNEL = 3
+_BOTTOM_US, _LOW_US, _MIDDLE_US = 1000, 1100, 1500  # pulse widths of channels
 
 Script = Callable[[Simulation], Awaitable[None]]
 
 
 class AutopilotError(Exception):
-    """The autopilot cannot be flown with; the text is one line for the user."""
+    """The autopilot cannot be used; the text is one line for the user."""
 
 
 class SitlFlight:
-    """Brings the vehicle to the start, flies one landing, and puts it down.
+    """Brings the vehicle to the start, flies one landing, and puts the vehicle down.
 
     Attributes:
-        link: landerd's, and everybody else's.
-        truth: the vehicle's, once `run` has begun.
-        simulation: there once the vehicle is at the start.
-        version: of the autopilot, as it says.
-        rate: seconds of the autopilot's in one of the wall's.
+        link: shared by landerd, the ground station and the reader of true states.
+        truth: the vehicle's true state; exists once `run` has begun.
+        simulation: of the landing; exists once the vehicle is at the start.
+        version: of the autopilot, as it reports it.
+        rate: speed of the autopilot's clock relative to real time.
     """
 
     truth: Truth
@@ -81,10 +88,18 @@ class SitlFlight:
         log: Path | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        """take_off_m: None if somebody else flies the vehicle; else the height to start from.
+        """Prepare a flight.
+
+        Args:
+            loaded: configuration of landerd and of the simulated world.
+            seed: of all that is random.
+            url: of the autopilot.
+            take_off_m: height at which the landing starts; None: somebody else flies the vehicle.
+            log: file of the flight log; None: none is written.
+            progress: called with lines for the user; None: nobody is told.
 
         Raises:
-            AutopilotError: the URL is none.
+            AutopilotError: the URL is not a link's.
         """
         self.version = ""
         self.rate = 1.0
@@ -106,13 +121,13 @@ class SitlFlight:
             self._progress(line)
 
     async def run(self, script: Script | None = None) -> None:
-        """Do it all. On a `SlavedLoop`.
+        """Connect, fly to the start, land and put the vehicle down; to be run on a `SlavedLoop`.
 
         Args:
-            script: what else happens; runs beside the landing.
+            script: runs beside the landing; None: nothing does.
 
         Raises:
-            AutopilotError: the autopilot does not answer, or not as one in SITL.
+            AutopilotError: the autopilot does not answer, or not like one in SITL.
         """
         loop = asyncio.get_running_loop()
         assert isinstance(loop, SlavedLoop)
@@ -142,6 +157,7 @@ class SitlFlight:
             await self.link.close()
 
     async def _keep_asking(self, truth: Truth) -> None:
+        """Request true states again whenever they stop, until cancelled."""
         while True:
             received = truth.received
             await asyncio.sleep(ASK_S)
@@ -149,7 +165,7 @@ class SitlFlight:
                 truth.ask()
 
     async def _read(self) -> None:
-        """Read the link while the daemon does not."""
+        """Read the link, and open it again if it is lost, while the daemon does not do so."""
         while True:
             try:
                 while True:
@@ -185,7 +201,7 @@ class SitlFlight:
         )
 
     async def _to_start(self, world: SitlWorld, height_m: float) -> None:
-        """Arm, take off and hover where the scenario starts."""
+        """Arm, take off and fly to where the scenario starts."""
         station = self._ground_station
         north, east, _ = world.vehicle.position
         heading = world.vehicle.yaw
@@ -193,7 +209,7 @@ class SitlFlight:
         async def fly() -> None:
             station.set_rc(_THROTTLE_CHANNEL, _BOTTOM_US)
             station.set_rc(self._loaded.config.rc.gate_channel, _LOW_US)
-            await asyncio.sleep(2.0)  # until its heartbeat says whether it is armed
+            await asyncio.sleep(2.0)  # until a heartbeat shows whether it is armed
             self.say("putting the vehicle down first")
             await station.put_down()
             self.say("arming")
@@ -206,7 +222,12 @@ class SitlFlight:
         await self.while_reading(fly(), TAKES_OFF_S, "the vehicle did not get to the start")
 
     async def fly(self, world: SitlWorld, script: Script | None) -> None:
-        """Land. The vehicle hovers at the start; nobody reads the link."""
+        """Land a vehicle that hovers at the start; `_read` must not run.
+
+        Args:
+            world: the simulated world around the vehicle.
+            script: runs beside the landing; None: nothing does.
+        """
         options = self._options
         moves = any(FAULTS[each.fault].device == "pad" for each in options.faults)
         moves = moves or options.pad.speed_mps > 0.0 or options.pad.turn_rate_deg_s != 0.0
@@ -214,7 +235,7 @@ class SitlFlight:
             partial(self._ground_station.set_rc, self._loaded.config.rc.gate_channel), fades=False
         )
         pilot = SitlPilot(self._ground_station)
-        # Without faults landerd's driver has the link itself.
+        # Without faults landerd's driver uses the link itself.
         cable = vehicle = None
         if options.faults:
             cable = Cable(self.link.side())
@@ -234,7 +255,7 @@ class SitlFlight:
             ),
         )
         simulation.recording.progress = self._progress
-        # ArduPilot does not send landerd's texts back on the link that they came by.
+        # ArduPilot does not forward landerd's texts on the link on which it received them.
         told: list[str] = []
         simulation.rules.on_text.append(lambda t, text: told.append(text))
 
@@ -260,7 +281,7 @@ class SitlFlight:
     async def _send_off(
         self, world: SitlWorld, height_m: float, switch: GateSwitch, told: list[str]
     ) -> None:
-        """Send the vehicle past the pad, as the stand-in's ground station does; open the gate."""
+        """Send the vehicle past the pad and open the gate, as without SITL."""
         if self._loaded.config.guidance.output == "landing_target":
             await self._let_it_land(world, height_m)
             return
@@ -272,7 +293,7 @@ class SitlFlight:
         await open_gate(switch.move, self._loaded.config.rc, hold_s, lambda: told)
 
     async def _let_it_land(self, world: SitlWorld, height_m: float) -> None:
-        """Bring the vehicle near the pad and order LAND: the autopilot itself lands on it."""
+        """Bring the vehicle near the pad and order LAND: the autopilot lands on the pad itself."""
         vehicle, pad = world.vehicle, world.pad.position
         way = sub(vehicle.position, pad)
         level = math.hypot(way[0], way[1])
@@ -287,7 +308,16 @@ class SitlFlight:
         await self.while_reading(self._ground_station.put_down(), 120.0, "it did not come down")
 
     async def while_reading(self, work: Awaitable[None], limit_s: float, trouble: str) -> None:
-        """Do something with the link served, in a limited time. Raises AutopilotError."""
+        """Wait for some work while the link is read.
+
+        Args:
+            work: to wait for.
+            limit_s: longest time for it.
+            trouble: beginning of the error's text if it takes longer.
+
+        Raises:
+            AutopilotError: the work took longer.
+        """
         reading = asyncio.create_task(self._read())
         try:
             async with asyncio.timeout(limit_s):
@@ -312,8 +342,18 @@ def simulate_sitl(
 ) -> dict[str, Any]:
     """Fly one landing and return the object that `landerd sim --autopilot URL --json` prints.
 
+    Args:
+        loaded: configuration of landerd and of the simulated world.
+        scenario: its name, for the result.
+        seed: of all that is random.
+        url: of the autopilot.
+        take_off_m: height at which the landing starts; None: somebody else flies the vehicle.
+        picture: file of the drawing; None: none is drawn.
+        log: file of the flight log; None: none is written.
+        progress: called with lines for the user; None: nobody is told.
+
     Raises:
-        AutopilotError: the autopilot does not answer, or not as one in SITL.
+        AutopilotError: the autopilot does not answer, or not like one in SITL.
         CalibrationError: the camera's calibration cannot be used.
         PadError: the pad's layout cannot be used.
         ImportError: a picture is wanted and matplotlib is not installed.
@@ -323,7 +363,7 @@ def simulate_sitl(
         raise AutopilotError(f"gimbal.driver: {gimbal} needs the simulator's own autopilot")
     started = time.perf_counter()
     flight = SitlFlight(loaded, seed, url, take_off_m=take_off_m, log=log, progress=progress)
-    gc.freeze()  # collections then look only at what the flight makes
+    gc.freeze()  # garbage collections then visit only objects that the flight makes
     try:
         run_slaved(flight.run())
     finally:
@@ -341,6 +381,7 @@ def simulate_sitl(
 
 
 def _how_disarmed(simulation: Simulation) -> str:
+    """Return how the vehicle was disarmed, in words."""
     if simulation.score.disarm_t is None:
         return "no"
     return "by landerd's command" if simulation.rules.disarm_orders else "by itself"

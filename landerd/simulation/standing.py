@@ -1,4 +1,4 @@
-"""A vehicle that stands disarmed beside a pad in the simulated world, for bench tests."""
+"""A simulated vehicle that stands disarmed near a pad, for bench tests without hardware."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -24,11 +24,12 @@ _STILL = {"speed_mps": 0.0, "turn_rate_deg_s": 0.0, "heave_m": 0.0, "sway_m": 0.
 
 @asynccontextmanager
 async def standing(loaded: Loaded, pad: Vec3, seed: int) -> AsyncIterator[Devices]:
-    """Let a vehicle stand level in a world of its own until the context is left.
+    """Simulate a vehicle that stands level until the context is left; yield its devices.
 
     Args:
-        loaded: the configuration; light, camera, gimbal and errors are its simulated world's.
-        pad: landing point from the gimbal's pivot, ahead, right and down, m; its north ahead.
+        loaded: the configuration, whose simulated world gives light, camera, gimbal and errors.
+        pad: landing point relative to the gimbal's pivot, ahead, right and down, m; the pad's north
+            points ahead.
         seed: of all that is random.
     """
     config, options = loaded.config, sim_options(loaded)
@@ -49,7 +50,7 @@ async def standing(loaded: Loaded, pad: Vec3, seed: int) -> AsyncIterator[Device
         update={"start": start, "pad": options.pad.model_copy(update=lying), "wind": wind}
     )
     loaded = replace(loaded, options={**loaded.options, "sim": sim})
-    # Neither lens nor print is quite as the files have it that landerd goes by.
+    # The true lens and print may differ from the files that landerd uses.
     layout = printed(load_pad(config.pad.layout), sim.pad, seed)
     lens = true_camera(load_camera(config.camera.calibration), sim.camera.calibration_error)
     now = asyncio.get_running_loop().time()

@@ -1,4 +1,4 @@
-"""The surroundings of a flight: world, vehicle's link, ground station and pilot."""
+"""The surroundings of a simulated flight: world, link to the autopilot, ground station, pilot."""
 
 import asyncio
 import math
@@ -23,10 +23,12 @@ from landerd.config.models import Config, RcSection
 from landerd.geometry import Vec3, add, horizontal, scale, sub, unit
 from landerd.guidance.pilot_texts import HOLDING_OVER
 
-WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
-GATE_OPENS_S = 1.0  # when the pilot moves the switch
-BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1),
-FOLLOWED_M = 5000.0  # and along the way of one that it follows
+WALL_JITTER_S = 0.01  # jitter of the control task in real time, while pictures are drawn
+GATE_OPENS_S = 1.0  # time from the start until the pilot moves the switch
+# Distance of the point to which the ground station sends the vehicle past the pad, as the thesis
+# does (3.5.1), and the same along the course of a pad that the vehicle follows.
+BEYOND_M = 170.0
+FOLLOWED_M = 5000.0
 
 
 @dataclass(frozen=True)
@@ -34,28 +36,34 @@ class Surroundings:
     """A vehicle to fly, in its world."""
 
     world: World
-    link: MemoryLink | SharedLink  # landerd's end
+    link: MemoryLink | SharedLink  # landerd's end of the link to the autopilot
     ground_station: GroundStation
     jitter_s: float  # of the control task on the loop's clock
-    ends_at_contact: bool = False  # what comes after it is not simulated
-    # The link's other end, where it is in this process, with what else faults lay hands on.
+    ends_at_contact: bool = False  # whether nothing is simulated after the first contact
+    # The other end of the link and whatever else faults act on; None: outside this process.
     vehicle: Vehicle | None = None
-    guid_timeout_s: float | None = None  # GUID_TIMEOUT, where it is known
+    guid_timeout_s: float | None = None  # the parameter GUID_TIMEOUT; None: unknown
 
 
 class StandIn:
-    """The stand-in for the autopilot, a ground station that sends it off, and its pilot.
+    """The simulated autopilot, a ground station that sends it to the pad, and the pilot.
 
     Attributes:
-        link: landerd's end.
-        autopilot_end: the other one.
-        ekf: the autopilot's.
-        switch: the pilot's, that opens the gate.
-        pilot: what else he does.
+        link: landerd's end of the link.
+        autopilot_end: the autopilot's end.
+        ekf: the autopilot's estimator.
+        switch: the pilot's switch, which opens the gate.
+        pilot: the pilot's other actions.
     """
 
     def __init__(self, world: World, config: Config, seed: int) -> None:
-        """Make them; the vehicle flies, and nobody does anything before the jobs run."""
+        """Make them; the vehicle flies, and nothing happens before the jobs run.
+
+        Args:
+            world: in which the vehicle flies.
+            config: landerd's.
+            seed: of all that is random.
+        """
         system_id = config.autopilot.system_id
         options = world.options
         self.link, self.autopilot_end = memory_pair()
@@ -103,7 +111,7 @@ class StandIn:
 
     @property
     def jobs(self) -> list[Callable[[], Awaitable[None]]]:
-        """What runs beside the flight."""
+        """Functions to be run beside the flight."""
         jobs: list[Callable[[], Awaitable[None]]] = [
             self.autopilot.run,
             self.ground_station.run,
@@ -115,17 +123,19 @@ class StandIn:
         return jobs
 
     def _screen(self) -> list[str]:
+        """Return landerd's texts that the ground station has received."""
         return [t.text for t in self.ground_station.texts if t.component == COMPONENT]
 
     async def open_gate(self) -> None:
-        """Move the pilot's switch up."""
+        """Move the pilot's switch up, see the function of this name."""
         await open_gate(self.switch.move, self._rc, self._hold_s, self._screen)
 
 
 class StandInPilot:
-    """Who flies the stand-in; a hw.sim.stand_in.switch.Pilot."""
+    """The pilot of the simulated autopilot; implements hw.sim.stand_in.switch.Pilot."""
 
     def __init__(self, autopilot: SimAutopilot) -> None:
+        """Take the autopilot."""
         self._autopilot = autopilot
 
     def select(self, mode: Mode) -> None:
@@ -147,13 +157,13 @@ async def open_gate(
     hold_s: float,
     screen: Callable[[], Sequence[str]],
 ) -> None:
-    """Move the pilot's switch up, by way of its middle if the vehicle is to hold first.
+    """Move the pilot's switch up; if the vehicle is to hold first, pause in its middle position.
 
     Args:
-        move: the switch, to this pulse width, us.
-        rc: where its positions are.
-        hold_s: how long it holds; 0: not at all.
-        screen: returns all lines of landerd's that the pilot has been shown.
+        move: moves the switch to a pulse width, us.
+        rc: thresholds of the switch's positions.
+        hold_s: time between landerd's text that the vehicle holds and the move up; 0: no hold.
+        screen: returns all of landerd's texts that the pilot has seen.
     """
     await asyncio.sleep(GATE_OPENS_S)
     if hold_s > 0.0:
@@ -165,14 +175,17 @@ async def open_gate(
 
 
 def link_faults(options: LinkOptions, delay_s: float, rng: Random) -> LinkFaults:
-    """Return what the link does to one direction."""
+    """Return the faults of one direction of the link, with a delay in s."""
     return LinkFaults(
         drop=options.loss, delay_s=delay_s, jitter_s=options.jitter_s, baud=options.baud, rng=rng
     )
 
 
 def beyond_pad(world: World) -> Vec3 | None:
-    """Return a point beyond the pad on the vehicle's way, at its height; None above the pad."""
+    """Return a point beyond the pad, seen from the vehicle, at its height, local NED, m.
+
+    None: the vehicle is above the pad.
+    """
     start = world.vehicle.position
     way = sub(world.pad.position, start)
     level = (way[0], way[1], 0.0)
@@ -183,7 +196,10 @@ def beyond_pad(world: World) -> Vec3 | None:
 
 
 def speed_on_the_way(world: World) -> float | None:
-    """Return the speed behind a pad that is followed, m/s; else None: the autopilot's own."""
+    """Return the speed with which the vehicle follows a pad, m/s.
+
+    None: it does not follow one, and flies at the autopilot's own speed.
+    """
     if not world.follows:
         return None
     return horizontal(world.pad.velocity) + world.options.start.overtake_mps
