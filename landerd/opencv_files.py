@@ -1,7 +1,8 @@
 """Names of files and images in them, as OpenCV takes and gives them."""
 
+import contextlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,6 +19,27 @@ _ORIENTATION, _NO_TURN = 274, 1  # a TIFF's tag, and its value
 def opencv_name(path: Path | str) -> Any:  # its stubs know of no bytes
     """Return the name of a file or camera: as a str, one that is no UTF-8 ends the process."""
     return os.fsencode(path)
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Discard what OpenCV and FFmpeg print on standard error within the block.
+
+    No log level reaches all of their lines. Whatever else the process prints meanwhile is lost.
+    """
+    try:
+        kept = os.dup(2)
+    except OSError:  # standard error is closed already
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def grey_image(data: bytes, *, any_depth: bool = False) -> NDArray[Any] | None:

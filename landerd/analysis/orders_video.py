@@ -8,7 +8,7 @@ import cv2
 from landerd.camera_model import CameraModel
 from landerd.lander import Lander
 from landerd.messages import Command, Frame, Input, Prior, Setpoint, Sightings, Tick
-from landerd.opencv_files import opencv_name
+from landerd.opencv_files import opencv_name, quiet
 from landerd.pad import PadLayout
 from landerd.runtime.observer import Observer
 from landerd.vision.draw import draw, write
@@ -32,7 +32,8 @@ class OrdersVideo(Observer):
         size = (camera.width, camera.height)
         code = cv2.VideoWriter.fourcc(*("VP80" if path.suffix == ".webm" else "mp4v"))
         self._name = opencv_name(path)
-        self._writer = cv2.VideoWriter(self._name, code, fps, size)
+        with quiet():
+            self._writer = cv2.VideoWriter(self._name, code, fps, size)
         if not self._writer.isOpened():
             raise VideoNotWritten(f"{path}: this video cannot be written")
         self._lander: Lander | None = None
@@ -71,8 +72,9 @@ class OrdersVideo(Observer):
 
     def close(self) -> bool:
         """Finish the file; return whether it can be played: its index is what comes last."""
-        self._writer.release()
-        capture = cv2.VideoCapture(self._name)
+        with quiet():
+            self._writer.release()
+            capture = cv2.VideoCapture(self._name)
         can_be_played = capture.isOpened() or self._frames == 0
         capture.release()
         return can_be_played
