@@ -22,6 +22,8 @@ Loc = tuple[str | int, ...]
 # The one key of a value that each seed of the simulator draws: landerd.config.distributions.
 DISTRIBUTIONS = frozenset({"uniform", "log_uniform", "normal", "choice", "sign"})
 
+_OVERRIDE = "--set "  # begins the source of a value from the command line
+
 
 @dataclass(frozen=True, order=True)
 class Place:
@@ -43,8 +45,12 @@ class Fault:
     text: str
 
     def __str__(self) -> str:
-        # "--set KEY=VALUE" has the key in it already.
-        if not self.key or self.place.source.startswith("--set"):
+        override = self.place.source.removeprefix(_OVERRIDE)
+        if override != self.place.source:
+            given = override.partition("=")[0]
+            if f"{given}.".startswith(f"{self.key}."):  # "--set KEY=VALUE" has the key in it
+                return f"{self.place}: {self.text}"
+        if not self.key:
             return f"{self.place}: {self.text}"
         return f"{self.place}: {self.key}: {self.text}"
 
@@ -162,13 +168,13 @@ def parse_block(text: str, path: Path) -> dict[str, Any]:
 
 def read_override(override: str, faults: list[Fault]) -> Node:
     """Turn "a.b=1" into the tree {a: {b: 1}}; the value is YAML."""
-    empty = Node(Place(f"--set {override}"), Path.cwd(), {})
+    empty = Node(Place(f"{_OVERRIDE}{override}"), Path.cwd(), {})
     key, equals, text = override.partition("=")
     names = key.split(".")
     if not equals or not all(names):
         faults.append(Fault(empty.place, "", "expected KEY=VALUE, as in sim.pad.speed_mps=1"))
         return empty
-    node = _Parser(empty.place, empty.folder, faults).parse(text)
+    node = _Parser(empty.place, empty.folder, faults).parse(text, key)
     if node is None:
         return empty
     for name in reversed(names):
@@ -209,20 +215,25 @@ class _Parser:
         self._folder = folder
         self._faults = faults
 
-    def parse(self, text: str) -> Node | None:
-        """Return the tree, a null for an empty text; None if it is not YAML."""
+    def parse(self, text: str, key: str = "") -> Node | None:
+        """Return the tree, with a null for an empty text; None if it is not YAML.
+
+        Args:
+            text: in YAML.
+            key: dotted key whose value the text is, for faults; "": the text is a whole file.
+        """
         try:
             root = _composed(text)
         except yaml.YAMLError as e:
             problem = getattr(e, "problem", None) or "unprintable characters"
-            self._fault(getattr(e, "problem_mark", None), "", f"not YAML: {problem}")
+            self._fault(getattr(e, "problem_mark", None), key, f"not YAML: {problem}")
             return None
         except RecursionError:
-            self._fault(None, "", "nested too deeply")
+            self._fault(None, key, "nested too deeply")
             return None
         if root is None:
             return Node(self._source, self._folder, None)
-        return self._node(root, root.start_mark, "")
+        return self._node(root, root.start_mark, key)
 
     def _node(self, node: Any, start: Any, key: str) -> Node:
         value: Any
@@ -244,13 +255,14 @@ class _Parser:
             inner = f"{key}.{name}" if key else name
             if name in value:
                 first = value[name].place.line
-                self._fault(k.start_mark, inner, f"given twice, first on line {first}")
+                where = f", first on line {first}" if first else ""
+                self._fault(k.start_mark, inner, f"given twice{where}")
             else:
                 value[name] = self._node(v, k.start_mark, inner)
         return value
 
     def _place(self, mark: Any) -> Place:
-        is_file = not self._source.source.startswith("--set")
+        is_file = not self._source.source.startswith(_OVERRIDE)
         return Place(self._source.source, mark.line + 1 if mark and is_file else 0)
 
     def _fault(self, mark: Any, key: str, text: str) -> None:
