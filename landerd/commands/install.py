@@ -45,6 +45,8 @@ def add_root(parser: argparse.ArgumentParser) -> None:
 
 
 def _system(text: str) -> Path:
+    if not text:  # as of a shell's variable that is not set; the working directory is meant by "."
+        raise argparse.ArgumentTypeError("found '', expected a folder")
     if not Path(text).is_dir():  # an image that is not mounted would be written beside
         raise argparse.ArgumentTypeError(f"{text}: no such folder")
     return Path(text)

@@ -115,6 +115,21 @@ def test_an_image_that_is_not_there_is_not_begun(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("command", ["install --board jetson", "uninstall"])
+def test_an_empty_root_is_refused_instead_of_taken_for_the_working_directory(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match="2"):
+        main([*command.split(), "--root", ""])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "argument --root: found '', expected a folder" in line
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_without_root_it_says_so_and_does_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[int] = []
     monkeypatch.setattr("os.geteuid", lambda: 1000)
