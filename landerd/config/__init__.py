@@ -1,1 +1,1 @@
-"""Typed models of the configuration, YAML with line numbers, tunable parameters."""
+"""The configuration: its typed models, their YAML files, and the parameters that can be tuned."""

@@ -1,7 +1,8 @@
-"""Values of the simulated world that every seed draws anew: {uniform: [a, b]} and the like.
+"""Draws random values for the simulated world from distributions, as {uniform: [a, b]}.
 
-A distribution stands in a YAML file or a `--set` where its value would stand. Each key has random
-numbers of its own, so that one more distribution leaves all others as they were.
+In a YAML file or a `--set`, a distribution is written instead of a key's value. The seed of the
+simulated flight decides which value is drawn. Each key has a random generator of its own, so that
+adding a distribution does not change the values drawn for other keys.
 """
 
 import math
@@ -13,18 +14,23 @@ from typing import Any
 from landerd.config.yaml_tree import DISTRIBUTIONS, Fault, Node
 from landerd.section import value_in_words
 
-SECTION = "sim"  # only the simulated world may be drawn
-TRUNCATED_AT = 3.0  # sigma, of `normal`: a bound of the key can then be kept
+SECTION = "sim"  # the only section whose values may be distributions
+# `normal` draws no value farther than this from its mean, in standard deviations; so the values
+# stay within bounds, and a key with bounds can be drawn from it.
+TRUNCATED_AT = 3.0
 
 
 @dataclass(frozen=True)
 class _Kind:
-    takes: str  # what it takes, in words
-    draw: Callable[[list[Any], Random], Any]
-    is_good: Callable[[list[Any]], bool]
+    """One kind of distribution; a single argument in the file is a list of one here."""
+
+    takes: str  # description of the arguments, for error messages
+    draw: Callable[[list[Any], Random], Any]  # returns a value, given the arguments
+    is_good: Callable[[list[Any]], bool]  # tells whether the arguments can be used
 
 
 def _normal(values: list[Any], rng: Random) -> float:
+    """Draw from a truncated normal distribution; values: mean and standard deviation."""
     mean, sigma = values
     while True:
         x = rng.gauss(0.0, 1.0)
@@ -33,6 +39,8 @@ def _normal(values: list[Any], rng: Random) -> float:
 
 
 def _numbers(count: int) -> Callable[[list[Any]], bool]:
+    """Return a function that tells whether the arguments are this many numbers."""
+
     def is_good(values: list[Any]) -> bool:
         return len(values) == count and all(
             isinstance(x, (int, float)) and not isinstance(x, bool) for x in values
@@ -42,6 +50,7 @@ def _numbers(count: int) -> Callable[[list[Any]], bool]:
 
 
 def _rising(values: list[Any]) -> bool:
+    """Tell whether the arguments are a lower and an upper bound."""
     return _numbers(2)(values) and values[0] <= values[1]
 
 
@@ -64,17 +73,20 @@ assert KINDS.keys() == DISTRIBUTIONS
 
 
 def is_distribution(node: Node) -> bool:
-    """Tell whether a value is to be drawn."""
+    """Tell whether a value is a distribution: a block whose one key is the kind's name."""
     return isinstance(node.value, dict) and len(node.value) == 1 and next(iter(node.value)) in KINDS
 
 
 def draw(tree: Node, seed: int, faults: list[Fault]) -> tuple[Node, dict[str, Any]]:
-    """Return the tree with every distribution of `sim` drawn, and what was drawn by dotted key.
+    """Replace every distribution in section `sim` by a value drawn from it.
 
     Args:
         tree: the whole configuration.
-        seed: the same seed draws the same values.
-        faults: gets those of distributions that cannot be drawn from.
+        seed: seed of the random numbers; the same seed draws the same values.
+        faults: errors in distributions are appended.
+
+    Returns:
+        The tree with values instead of distributions, and the drawn values by dotted key.
     """
     world: dict[str, Any] = {}
 
@@ -106,7 +118,12 @@ def draw(tree: Node, seed: int, faults: list[Fault]) -> tuple[Node, dict[str, An
 
 
 def _node(value: Any, like: Node) -> Node:
-    """Return a drawn value as a tree in the place of its distribution."""
+    """Return a drawn value as a tree, with the file and line of its distribution.
+
+    Args:
+        value: the drawn value, plain.
+        like: the distribution.
+    """
     if isinstance(value, list):
         value = [_node(inner, like) for inner in value]
     elif isinstance(value, dict):

@@ -1,7 +1,8 @@
 """Reads the configuration from YAML files and from `--set KEY=VALUE`.
 
-All faults are told at once, each with the file and line its value came from. Values are never
-changed to fit: text is not a number, true is not 1, and `.nan` and `.inf` are not numbers either.
+All faults are reported together, each with the file and line of its value. Values are never
+converted to another type: text is not a number, true is not 1, and `.nan` and `.inf` are not
+numbers either.
 """
 
 import functools
@@ -33,11 +34,13 @@ from landerd.section import Section, value_in_words
 M = TypeVar("M", bound=BaseModel)
 
 
-_NEAREST_TOLD = 20  # unknown keys whose nearest is looked for: it takes a while
+# Unknown keys among this many first faults are reported with the nearest known key, which is slow
+# to find.
+_NEAREST_TOLD = 20
 
 
 class ConfigError(Exception):
-    """The configuration cannot be used; `lines` has one line a fault."""
+    """The configuration cannot be used; `lines` has one line for each fault."""
 
     def __init__(self, lines: Sequence[str]) -> None:
         super().__init__("\n".join(lines))
@@ -46,46 +49,62 @@ class ConfigError(Exception):
 
 @dataclass(frozen=True)
 class Loaded:
-    """A whole configuration."""
+    """A whole configuration, read and checked."""
 
     config: Config
-    options: Mapping[str, Section]  # of drivers and simulator, by section: "camera.v4l2", "sim"
-    remarks: tuple[str, ...] = ()  # what was changed to suit the gimbal, a line each
-    world: Mapping[str, Any] = field(default_factory=dict)  # what the seed drew, by dotted key
+    # blocks of keys of the drivers and of the simulator, by section: "camera.v4l2", "sim"
+    options: Mapping[str, Section]
+    remarks: tuple[str, ...] = ()  # a line for each range reduced to the gimbal's reach
+    # values drawn from distributions, by dotted key
+    world: Mapping[str, Any] = field(default_factory=dict)
 
 
 def config_dir() -> Path:
-    """Return the folder of the configuration that comes with landerd."""
+    """Return the folder of the configuration files that come with landerd."""
     package = Path(__file__).parents[1]
     installed = package / "config_files"
     return installed if installed.is_dir() else package.parent / "config"
 
 
 def default_config() -> Path:
-    """Return the configuration that comes with landerd, which flies the simulator."""
+    """Return the path of landerd's default configuration, which flies the simulator."""
     return config_dir() / "default.yaml"
 
 
 def own_or(path: Path, name: str | Path | None = None) -> Path:
-    """Return the path, or landerd's own file of a name, its own, where there is none at it."""
+    """Return the path if something exists there, or else landerd's own file of that name.
+
+    Args:
+        path: of the file; returned, too, if landerd has no such file.
+        name: path of landerd's file from `config_dir()`; None: the same as `path`.
+    """
     own = config_dir() / (name or path)
     return own if own.is_file() and not path.exists() else path
 
 
 def config_files(kind: str) -> dict[str, Path]:
-    """Return the files of a folder of `config_dir()`, as "scenarios", by name."""
+    """Return the YAML files of a folder in `config_dir()`, by name without suffix.
+
+    Args:
+        kind: name of the folder, as "scenarios".
+    """
     return {path.stem: path for path in sorted((config_dir() / kind).glob("*.yaml"))}
 
 
 def read_model(path: Path, model: type[M]) -> M:
-    """Read a YAML file of its own kind.
+    """Read and check a YAML file that is no part of the configuration, as a campaign.
+
+    Args:
+        path: of the file.
+        model: its keys.
 
     Raises:
-        ConfigError: it cannot be read, or a key is unknown, missing, of another type or range.
+        ConfigError: the file cannot be read, or a key is unknown, given twice, missing, of another
+            type or out of range.
     """
     faults: list[Fault] = []
     tree = read_file(path, faults, config_dir())
-    # What is missing in a file that cannot be read is no fault of its own.
+    # If the file cannot be read, its keys are not reported as missing, too.
     read = None if faults and not tree.value else _validated(model, tree, faults)
     if read is None or faults:
         raise ConfigError([str(fault) for fault in sorted(faults)])
@@ -103,21 +122,26 @@ def load(
 ) -> Loaded:
     """Read and check a configuration file.
 
-    Later wins, key by key: the file's includes, the file, overlays, overrides. Relative paths are
-    meant from the file they are written in; in overrides, from the working directory; defaults,
-    and files that are not there, from `config_dir()`. What the gimbal does not reach is cut.
+    Each key has the value of the last source that sets it, in this order: the includes of the
+    file, the file, overlays, overrides.
+
+    A relative path in a file starts from the folder of that file, in an override from the working
+    directory. If nothing exists there, and in defaults, it starts from `config_dir()`.
+
+    Limits of the gimbal's angles are reduced to what the gimbal reaches.
 
     Args:
         path: the file.
-        options_models: what drivers and the simulator add, by section ("camera.v4l2").
-        drivers: names that the key `driver` of a section may have, by section.
-        overlays: files laid over the first, as scenarios are.
+        options_models: models of the keys that drivers and the simulator add, by section
+            ("camera.v4l2").
+        drivers: names allowed for the key `driver`, by section; a section not listed allows all.
+        overlays: files whose keys replace those of the first, as scenarios do.
         overrides: KEY=VALUE, the key dotted, the value in YAML.
-        seed: of the values that are distributions (landerd.config.distributions).
+        seed: of the values drawn from distributions (landerd.config.distributions).
 
     Raises:
         ConfigError: a file cannot be read, or a key is unknown, given twice, missing, of another
-            type or out of range; or a range of angles is wanted that the gimbal does not reach.
+            type or out of range; or the gimbal does not reach any angle of a range.
     """
     faults: list[Fault] = []
     tree = read_file(path, faults, config_dir())
@@ -136,7 +160,7 @@ def load(
     config = _anchored(config)
     options = _options(config, options_models, path)
     gimbal = options.get(f"gimbal.{config.gimbal.driver}")
-    if not isinstance(gimbal, GimbalOptions):  # the simulator's reaches all that may be asked of it
+    if not isinstance(gimbal, GimbalOptions):  # the simulated gimbal reaches all angles
         return Loaded(config, options, world=world)
     try:
         config, remarks = within_reach(config, gimbal.traits)
@@ -148,7 +172,16 @@ def load(
 def _options(
     config: Config, options_models: Mapping[str, type[Section]], path: Path
 ) -> dict[str, Section]:
-    """Return the blocks of drivers and simulator that are there, by section. Raises ConfigError."""
+    """Return the blocks of drivers and of the simulator that the configuration has, by section.
+
+    Args:
+        config: with these blocks as further fields of its sections.
+        options_models: the models of all such blocks, by section ("camera.v4l2").
+        path: of the configuration, for the error message.
+
+    Raises:
+        ConfigError: the block of a chosen driver is missing.
+    """
     options: dict[str, Section] = {}
     for section in options_models:
         parent, _, driver = section.rpartition(".")
@@ -163,13 +196,16 @@ def _options(
 def from_record(
     data: Any, source: str, *, others: Collection[str] = (), overrides: Sequence[str] = ()
 ) -> tuple[Config, list[str]]:
-    """Return the configuration that a flight log has, and the keys that are no longer known.
+    """Return the configuration recorded in a flight log, and its keys that are unknown today.
 
     Args:
-        data: of the log, plain values.
-        source: the log's name, for what is said about it.
-        others: blocks of drivers and simulator ("camera.v4l2"), which decide nothing here.
+        data: the recorded configuration, plain values.
+        source: the log's name, for error messages.
+        others: blocks of drivers and of the simulator ("camera.v4l2"); they are ignored.
         overrides: KEY=VALUE, as `load` takes them.
+
+    Returns:
+        The configuration without the unknown keys, and these keys, dotted.
 
     Raises:
         ConfigError: a value cannot be used.
@@ -188,7 +224,15 @@ def from_record(
 def _known(
     model: type[BaseModel], data: Any, at: str, others: Collection[str], unknown: list[str]
 ) -> Any:
-    """Return the part of plain data that the model has keys for; the others' names are added."""
+    """Return plain data without the keys that the model does not have.
+
+    Args:
+        model: of the data.
+        data: a mapping; anything else is returned as it is.
+        at: dotted key of the data with a dot at its end; "": the whole configuration.
+        others: dotted keys that are left out without being reported.
+        unknown: the other keys that are left out are appended, dotted.
+    """
     if not isinstance(data, dict):
         return data
     kept = {}
@@ -208,14 +252,22 @@ def _known(
 
 @functools.lru_cache(maxsize=4)
 def _extended(options_models: tuple[tuple[str, type[Section]], ...]) -> type[Config]:
-    """Return the whole configuration's model; a campaign asks for the same one in every flight."""
+    """Return the model of the whole configuration, cached: a campaign needs it in every flight."""
     return _with_options(Config, dict(options_models))
 
 
 def _with_options(
     model: type[M], options_models: Mapping[str, type[Section]], at: str = ""
 ) -> type[M]:
-    """Return the model with options added to its sections; None where they need arguments."""
+    """Return a model with the blocks of drivers and of the simulator added as fields.
+
+    A block without required keys defaults to its defaults, any other block to None.
+
+    Args:
+        model: of the configuration, or of one section.
+        options_models: the models of the blocks, by section ("camera.v4l2", "sim").
+        at: name of the section that the model is of; "": the configuration.
+    """
     fields: dict[str, Any] = {}
     for section, options in options_models.items():
         parent, _, name = section.rpartition(".")
@@ -232,15 +284,22 @@ def _with_options(
 
 
 def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
-    """Return the tree as a model; None if it is not one, and the faults added."""
+    """Return the tree as an instance of the model; None if it does not fit.
+
+    Args:
+        model: to validate against.
+        tree: the values, with places.
+        faults: the reasons why it does not fit are appended.
+    """
     schema = schema_of(model)
     plain = json.dumps(_with_paths(tree, schema, (), faults).plain())
     try:
-        # Strict JSON: a list may be a tuple and text a path, but nothing else is converted.
+        # Strict JSON converts lists to tuples and text to paths, and nothing else.
         return model.model_validate_json(plain, strict=True)
     except ValidationError as e:
         errors = e.errors(include_url=False)
-    found: dict[Fault, None] = {}  # each variant of a union has its own error: the same fault
+    # As keys, without duplicates: pydantic reports an error for each variant of a union.
+    found: dict[Fault, None] = {}
     for error in errors:
         node, loc = tree.locate(error["loc"])
         if error["type"] == "missing":
@@ -260,7 +319,14 @@ def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
 
 
 def _with_paths(node: Node, schema: Schema, loc: Loc, faults: list[Fault]) -> Node:
-    """Return the tree with relative paths made absolute; text that is no UTF-8 is a fault."""
+    """Return the tree with relative paths made absolute.
+
+    Args:
+        node: the tree.
+        schema: tells which keys are paths.
+        loc: place of the tree in the configuration.
+        faults: texts that cannot be encoded in UTF-8 are appended, as faults.
+    """
     value = node.value
     if isinstance(value, dict):
         value = {key: _with_paths(v, schema, (*loc, key), faults) for key, v in value.items()}
@@ -269,7 +335,8 @@ def _with_paths(node: Node, schema: Schema, loc: Loc, faults: list[Fault]) -> No
     elif isinstance(value, str):
         if schema.is_path(loc, value):
             value = str(own_or(node.folder / value, value))
-        if any("\ud800" <= letter <= "\udfff" for letter in value):  # of the name of a file
+        # Surrogates are how Python holds the bytes of a file's name that is not UTF-8.
+        if any("\ud800" <= letter <= "\udfff" for letter in value):
             text = f"found {value_in_words(value)}, expected a name in UTF-8"
             faults.append(Fault(node.place, dotted(loc), text))
             value = ""
@@ -277,7 +344,10 @@ def _with_paths(node: Node, schema: Schema, loc: Loc, faults: list[Fault]) -> No
 
 
 def _anchored(model: M) -> M:
-    """Return the model with the paths that are still relative, defaults, made absolute."""
+    """Return the model with relative paths made absolute from `config_dir()`.
+
+    Only defaults are still relative: the paths of files and overrides are absolute already.
+    """
     changes: dict[str, Any] = {}
     for name, value in model:
         if isinstance(value, Path) and not value.is_absolute():
@@ -288,6 +358,7 @@ def _anchored(model: M) -> M:
 
 
 def _unknown_drivers(tree: Node, drivers: Mapping[str, Collection[str]]) -> Iterator[Fault]:
+    """Yield a fault for each driver that is not among those known for its section."""
     for section, known in drivers.items():
         node, loc = tree.locate((section, "driver"))
         if loc == (section, "driver") and isinstance(node.value, str) and node.value not in known:
@@ -298,6 +369,7 @@ def _unknown_drivers(tree: Node, drivers: Mapping[str, Collection[str]]) -> Iter
 
 
 def _at(model: Any, section: str) -> Any:
+    """Return the value of a dotted section, as "camera.v4l2"."""
     for name in section.split("."):
         model = getattr(model, name)
     return model

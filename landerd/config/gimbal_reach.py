@@ -1,4 +1,4 @@
-"""What the chosen gimbal's driver states, taken into the configuration."""
+"""Adapts the configuration to the angle limits and the accuracy of the chosen gimbal."""
 
 import math
 
@@ -7,16 +7,20 @@ from landerd.ports import GimbalTraits
 
 
 def within_reach(config: Config, traits: GimbalTraits) -> tuple[Config, list[str]]:
-    """Return the configuration cut to what the gimbal reaches, and a line for each cut.
+    """Return the configuration with the gimbal's limits reduced to what the gimbal reaches.
 
-    Angles that nobody measures count as less certain, too (`estimation.gimbal_sigma_deg`).
+    The standard deviation of its angles (`estimation.gimbal_sigma_deg`) is raised to the driver's,
+    if that is larger: some gimbals do not measure their angles.
 
     Args:
         config: the configuration.
-        traits: what the driver states.
+        traits: limits and accuracy of the gimbal, from its driver; angles in rad.
+
+    Returns:
+        The adapted configuration, and a line for each range that was reduced.
 
     Raises:
-        ValueError: a range that is wanted and the gimbal's have nothing in common.
+        ValueError: a configured range lies wholly outside the gimbal's.
     """
     driver = config.gimbal.driver
     cut, lines = {}, []
@@ -28,7 +32,7 @@ def within_reach(config: Config, traits: GimbalTraits) -> tuple[Config, list[str
         reaches = f"{driver} reaches {low:g} to {high:g}"
         if limits[0] > limits[1]:
             raise ValueError(f"gimbal.{key}: found {wanted[0]:g} to {wanted[1]:g}, but {reaches}")
-        if limits != wanted and low < high:  # an axis that does not turn needs no telling
+        if limits != wanted and low < high:  # that an axis does not turn needs no remark
             lines.append(f"gimbal.{key}: {wanted[0]:g} to {wanted[1]:g} is cut: {reaches}")
     sigma_deg = max(config.estimation.gimbal_sigma_deg, math.degrees(traits.sigma))
     gimbal = config.gimbal.model_copy(update=cut)

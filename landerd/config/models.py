@@ -1,7 +1,10 @@
-"""The whole configuration as typed models. `landerd.config.files` reads it from YAML.
+"""The typed models of the configuration, which `landerd.config.files` reads from YAML.
 
-Lengths in m, times in s; angles end in `_deg` because people type them. Drivers and the simulator
-bring models of their own (landerd.drivers); they appear under the section they belong to.
+Lengths are in m and times in s. Angles are in degrees, as people type them, and their keys end in
+`_deg`. Drivers and the simulator have models of their own (landerd.drivers), which are added to the
+section that they belong to.
+
+Comments on keys become the table in docs/configuration-keys.md (landerd.reference).
 """
 
 import re
@@ -15,16 +18,16 @@ from landerd.section import Angle, Finite, NotNegative, Positive, Section
 _ADDRESS = re.compile(r"(?:\[([0-9A-Fa-f:.%\w]+)\]|([^\s:\[\]]+)):(\d{1,5})", re.ASCII)
 
 Gain = Annotated[float, Field(ge=0, le=10)]
-# Of an airframe, m: what is larger was typed in cm or mm.
+# Lengths of an airframe, m. Their limits refuse values that were typed in cm or mm.
 Arm = Annotated[float, Field(ge=-3, le=3)]
 Width = Annotated[float, Field(gt=0, le=5)]
 
 
 def split_address(text: str) -> tuple[str, int]:
-    """Return address and port of ADDRESS:PORT, as 127.0.0.1:8080 or [::1]:8080.
+    """Return the address and the port of ADDRESS:PORT, as 127.0.0.1:8080 or [::1]:8080.
 
     Raises:
-        ValueError: it is no such text.
+        ValueError: the text has not this form.
     """
     found = _ADDRESS.fullmatch(text)
     if found is None or not 1 <= int(found[3]) <= 65535:
@@ -39,20 +42,21 @@ class PadSection(Section):
 
 
 class VehicleSection(Section):
-    """Geometry of the airframe, body frame (FRD) from the autopilot's position."""
+    """Geometry of the airframe, body frame (FRD), from the point of the autopilot's position."""
 
     camera_offset_m: tuple[Arm, Arm, Arm] = (0.10, 0.0, 0.04)  # to the gimbal's pivot
     gear_height_m: Annotated[float, Field(ge=0, le=3)] = 0.20  # down to the plane of the feet
-    footprint_m: tuple[Width, Width] = (0.44, 0.26)  # between the feet: along x, along y
+    footprint_m: tuple[Width, Width] = (0.44, 0.26)  # distance of the feet: along x, along y
 
 
 class MeteringSection(Section):
-    """How pictures are exposed where landerd does it (`camera.exposure: pad`)."""
+    """How landerd controls the exposure (`camera.exposure: pad`)."""
 
     shortest_s: Annotated[float, Field(gt=0, le=0.1)] = 1e-4  # shortest exposure
-    short_s: Annotated[float, Field(gt=0, le=0.1)] = 0.008  # above it gain is raised first: blur
-    longest_s: Annotated[float, Field(gt=0, le=0.1)] = 0.015  # longest exposure, at full gain
-    gain_max: Annotated[float, Field(ge=1, le=64)] = 4.0  # times the lowest gain
+    # up to gain_max, gain is raised before the exposure exceeds this, against motion blur
+    short_s: Annotated[float, Field(gt=0, le=0.1)] = 0.008
+    longest_s: Annotated[float, Field(gt=0, le=0.1)] = 0.015  # longest exposure, at gain_max
+    gain_max: Annotated[float, Field(ge=1, le=64)] = 4.0  # highest gain / lowest gain
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -65,7 +69,7 @@ class CameraSection(Section):
     """Which camera, and its calibration."""
 
     driver: str = "sim"
-    # fixed: as the driver's block says; auto: by the camera itself; pad: landerd by what it sees
+    # fixed: as set in the driver's block; auto: by the camera; pad: by landerd, for the pad
     exposure: Literal["fixed", "auto", "pad"] = "pad"
     metering: MeteringSection = MeteringSection()
     calibration: Path = Path("cameras/thesis.yaml")  # ROS camera_info: landerd calibrate camera
@@ -74,14 +78,14 @@ class CameraSection(Section):
 
 
 class GimbalSection(Section):
-    """Which gimbal, and how far it may turn (thesis 2.3.3)."""
+    """Which gimbal, and the limits of its angles (thesis 2.3.3)."""
 
     driver: str = "sim"
     yaw_limits_deg: tuple[Angle, Angle] = (-90.0, 90.0)  # positive right
     pitch_limits_deg: tuple[Angle, Angle] = (-180.0, 0.0)  # positive up; -90 is straight down
     # rotation of the camera on the last axis: roll right, pitch up, yaw right
     camera_rotation_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
-    # time constant behind its orders; used where a gimbal does not measure its angles
+    # time constant with which it follows its orders; used if it does not measure its angles
     lag_s: Annotated[float, Field(gt=0, le=0.5)] = 0.08
 
     @field_validator("yaw_limits_deg", "pitch_limits_deg")
@@ -93,12 +97,12 @@ class GimbalSection(Section):
 
 
 class AutopilotSection(Section):
-    """How the autopilot is reached."""
+    """The link to the autopilot, and the autopilot's parameters that landerd has to know."""
 
     driver: str = "mavlink"
     url: str = "memory:"  # of the link: serial:DEVICE?baud=N, udpin:HOST:PORT, tcp:HOST:PORT, ...
-    setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"  # body_ned: as the thesis
-    system_id: Annotated[int, Field(ge=1, le=255)] = 1  # SYSID_THISMAV (4.7: MAV_SYSID)
+    setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"  # body_ned: as in the thesis
+    system_id: Annotated[int, Field(ge=1, le=255)] = 1  # the autopilot's SYSID_THISMAV (MAV_SYSID)
     # the autopilot's GUID_TIMEOUT, until it reports its own
     guided_timeout_s: Annotated[float, Field(ge=0.1, le=3600)] = 1.0
     # the autopilot's WPNAV_ACCEL, until it reports its own
@@ -111,10 +115,10 @@ class AutopilotSection(Section):
     vertical_jerk_mps3: Annotated[float, Field(ge=1, le=50)] = 5.0
     # the autopilot's ATC_INPUT_TC (time constant of its attitude), until it reports its own
     attitude_time_constant_s: Annotated[float, Field(ge=0.01, le=2)] = 0.15
-    # whose parameter changes and commands are taken
+    # system IDs of the ground stations whose parameter changes and commands are accepted
     ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
     signing_key: Path | None = None  # file with the key of signed messages; None: unsigned
-    signing_time: Path | None = None  # where their time stamp is kept; None: beside the key
+    signing_time: Path | None = None  # file with their last time stamp; None: beside the key
 
     @property
     def shaper_lag_s(self) -> float:
@@ -123,17 +127,19 @@ class AutopilotSection(Section):
 
     @property
     def vertical_shaper_lag_s(self) -> float:
-        """The same of the vertical shaper, s."""
+        """Lag of the shaper of vertical velocities, s: likewise."""
         return self.vertical_acceleration_mps2 / self.vertical_jerk_mps3
 
 
 class RcSection(Section):
-    """The pilot's gate."""
+    """The switch by which the pilot lets landerd fly (the gate)."""
 
-    gate_channel: Annotated[int, Field(ge=5, le=18)] = 11  # landerd flies only while it is high
-    gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500  # it is high above this
-    # of a switch with three positions: above this it lands, between the two thresholds it holds
-    # over the marker (guidance.hold); 0: a switch with two positions
+    # RC channel of the switch: landerd flies only while it is high
+    gate_channel: Annotated[int, Field(ge=5, le=18)] = 11
+    # pulse width above which the switch is high
+    gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500
+    # for a switch with three positions: above this landerd lands, between the two thresholds it
+    # holds the vehicle over the pad (guidance.hold); 0: a switch with two positions
     land_threshold_us: Annotated[int, Field(ge=0, le=1800)] = 0
 
     @model_validator(mode="after")
@@ -144,7 +150,7 @@ class RcSection(Section):
 
 
 class FreshnessSection(Section):
-    """How old data may be, by its own time, before it is not flown on."""
+    """Largest age of each kind of data, by its own time stamp, with which landerd flies."""
 
     heartbeat_s: Annotated[float, Field(gt=0, le=3)] = 3.0
     rc_s: Annotated[float, Field(gt=0, le=1)] = 0.5
@@ -154,7 +160,7 @@ class FreshnessSection(Section):
 
 
 class VisionSection(Section):
-    """How images are searched."""
+    """The search for markers in images."""
 
     min_ring_px: Positive = 10.0  # smallest outer diameter of a ring that is searched for
     max_sigma_m: Positive = 1.0  # poses less certain than this are not reported
@@ -174,7 +180,7 @@ class EstimationSection(Section):
     gimbal_sigma_deg: NotNegative = 1.0  # slowly varying error of the lens's direction
     bearing_noise_deg: NotNegative = 0.05  # noise of that direction from frame to frame
     gimbal_late_s: NotNegative = 0.002  # jitter of the times of attitude and gimbal angles
-    clock_sigma_s: NotNegative = 0.02  # of the pictures' clock against the telemetry's
+    clock_sigma_s: NotNegative = 0.02  # error of the pictures' clock relative to the telemetry's
     position_sigma_m: Positive = 0.002  # noise of the autopilot's position from frame to frame
     # innovations beyond this many standard deviations are refused
     gate_sigma: Annotated[float, Field(ge=1, le=20)] = 4.0
@@ -189,11 +195,11 @@ class PidGains(Section):
 
 
 class PidSection(Section):
-    """The thesis's four PID controllers (2.4.3), north and east alike.
+    """The thesis's four PID controllers (2.4.3); north and east have the same gains.
 
-    Up, yaw and the approach have the thesis's gains (Tables 3.7, 3.8). Nearer the pad its low kp
-    and high kd creep (a time constant of 6 s), so ours are stiffer; config/thesis-gains.yaml has
-    the originals.
+    The gains of up, yaw and the approach are the thesis's (Tables 3.7, 3.8). Nearer the pad the
+    thesis's low kp and high kd converge slowly, with a time constant of 6 s, so these gains are
+    stiffer. The thesis's gains are in config/thesis-gains.yaml.
     """
 
     approach: PidGains = PidGains(kp=0.7, kd=0.4)
@@ -231,8 +237,8 @@ class DescentSection(Section):
     # no lower than this while the heading is off
     alignment_height_m: Annotated[float, Field(gt=0, le=10)] = 2.0
     align_deg: Positive = 1.2  # the heading counts as aligned within this
-    # the heading counts as off again beyond this; the rest up to 5 degrees is for errors of gimbal
-    # and mounting, which sight does not show
+    # beyond this the heading counts as off again; the rest up to 5 degrees is for errors of gimbal
+    # and mounting, which are not seen in the pictures
     realign_deg: Positive = 2.5
     commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.16  # below, a landing is committed
     # largest predicted distance from the landing point at touch-down to commit with
@@ -241,7 +247,7 @@ class DescentSection(Section):
     commit_slip_mps: Annotated[float, Field(gt=0, le=2)] = 0.3
     # largest sink rate relative to the pad to commit with
     commit_sink_mps: Annotated[float, Field(ge=0.5, le=2)] = 0.8
-    # unfit to commit, the vehicle climbs to this height and tries again
+    # if it may not commit, the vehicle climbs to this height and tries again
     retry_height_m: Annotated[float, Field(ge=0.3, le=10)] = 1.0
     # method pid: slowest descent where descent is allowed
     slowest_mps: Annotated[float, Field(gt=0, le=0.5)] = 0.15
@@ -254,43 +260,44 @@ class DescentSection(Section):
 
 
 class LimitsSection(Section):
-    """Limits of all set-points, whatever is flown."""
+    """Limits that all set-points obey, whichever controller computes them."""
 
     speed_mps: Annotated[float, Field(ge=0.5, le=20)] = 20.0
     climb_mps: Annotated[float, Field(ge=0.3, le=5)] = 1.0
     descent_mps: Annotated[float, Field(gt=0, le=3)] = 1.5
-    # with less than 0.5 it would not stop before the pad is out of sight
+    # with less than 0.5 the vehicle would stop only after the pad is out of sight
     acceleration_mps2: Annotated[float, Field(ge=0.5, le=10)] = 2.5
-    # with 0.3 a rising deck was touched at 0.7 m/s
+    # with 0.3 the vehicle touched a rising deck at 0.7 m/s
     vertical_acceleration_mps2: Annotated[float, Field(ge=0.5, le=5)] = 1.0
     jerk_mps3: Annotated[float, Field(ge=2, le=50)] = 15.0
     yaw_rate_deg_s: Annotated[float, Field(gt=0, le=180)] = 30.0
 
 
 class LostSection(Section):
-    """What is done after the pad went out of sight."""
+    """The search after the pad went out of sight, and when landerd hands back to the pilot."""
 
     after_s: Annotated[float, Field(gt=0, le=0.5)] = 0.5  # without a sighting (thesis: abort time)
     hold_s: Annotated[float, Field(ge=0, le=60)] = 3.0  # hover before the climb
     climb_mps: Annotated[float, Field(ge=0.2, le=3)] = 0.5
     climb_m: Annotated[float, Field(ge=0, le=50)] = 5.0  # height to climb; 0: do not climb
-    give_up_s: Annotated[float, Field(gt=0, le=600)] = 30.0  # of search, then hand back
-    # a landing that has not come to commit in this time is handed back
+    give_up_s: Annotated[float, Field(gt=0, le=600)] = 30.0  # search before landerd hands back
+    # a landing without commit after this time is handed back
     total_s: Annotated[float, Field(gt=0, le=3600)] = 120.0
-    retries: Annotated[int, Field(ge=0, le=100)] = 5  # more broken-off descents are handed back
+    # number of descents that may be broken off; with one more, landerd hands back
+    retries: Annotated[int, Field(ge=0, le=100)] = 5
 
 
 class HoldSection(Section):
-    """Where the vehicle is held while the pilot asks for it (rc.land_threshold_us)."""
+    """Where the vehicle hovers while the pilot's switch asks to hold (rc.land_threshold_us)."""
 
     height_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0  # of the feet above the pad
 
 
 class GuidanceSection(Section):
-    """How the vehicle is led onto the pad."""
+    """How the vehicle is guided onto the pad."""
 
     method: Literal["tracking", "pid"] = "tracking"  # pid: the thesis's controller
-    # landing_target: the autopilot's own precision landing flies
+    # landing_target: the pad's direction is sent, for the autopilot's own precision landing
     output: Literal["velocity", "landing_target"] = "velocity"
     tracking: TrackingSection = TrackingSection()
     pid: PidSection = PidSection()
@@ -298,62 +305,65 @@ class GuidanceSection(Section):
     limits: LimitsSection = LimitsSection()
     lost: LostSection = LostSection()
     hold: HoldSection = HoldSection()
-    release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0  # zero velocity after the gate closed
+    # after the gate closed, zero velocity is sent for this long
+    release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0
     touchdown_descent_mps: Annotated[float, Field(ge=0.1, le=0.6)] = 0.3  # sink rate after commit
-    # without ON_GROUND for this long the pilot is told to disarm by hand. With less than 3 he is
-    # told in the air: the feet are down one or two seconds after commit, and ArduCopter knows it
-    # two seconds later
+    # without ON_GROUND for this long after commit, the pilot is told to disarm by hand. With less
+    # than 3 he would be told in the air: the feet touch down one or two seconds after commit, and
+    # ArduCopter detects it two seconds later
     touchdown_timeout_s: Annotated[float, Field(ge=3, le=5)] = 5.0
 
 
 class AimSection(Section):
-    """How the gimbal is pointed (thesis 2.3.4)."""
+    """How the gimbal is aimed at the pad (thesis 2.3.4)."""
 
-    method: Literal["predicted", "increment"] = "predicted"  # increment: the thesis's law
+    method: Literal["predicted", "increment"] = "predicted"  # increment: the thesis's control law
     lead_s: Annotated[float, Field(ge=0, le=0.5)] = 0.1  # predicted: the gimbal's lag
     gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # increment: k of eq. 2.1
     idle_yaw_deg: Finite = 0.0  # where the camera looks while no pad is known
-    idle_pitch_deg: Finite = -50.0  # by it a flight that begins near the pad has it in the picture
+    # where the camera looks while no pad is known; the default shows a pad near the flight's start
+    idle_pitch_deg: Finite = -50.0
     # without a sighting for this long the gimbal sweeps down and up
     search_after_s: Annotated[float, Field(ge=0.5, le=600)] = 5.0
 
 
 class ControlSection(Section):
-    """The control task."""
+    """The control loop."""
 
-    rate_hz: Annotated[float, Field(ge=20, le=100)] = 40.0  # of set-points
+    rate_hz: Annotated[float, Field(ge=20, le=100)] = 40.0  # rate of set-points
 
 
 class LogSection(Section):
-    """What is recorded of a flight, and how much of the disk it may take."""
+    """What is recorded of flights, and the disk space that it may take."""
 
     folder: Path | None = None  # None: $STATE_DIRECTORY/logs, which systemd sets
-    images: Literal["none", "jpeg", "lossless"] = "jpeg"  # vision replays from lossless only
-    every_nth: Annotated[int, Field(ge=1)] = 3  # of the frames searched
-    disarmed_images: bool = False  # also while the vehicle is disarmed
-    most_file_mb: Annotated[float, Field(ge=1)] = 500.0  # a longer flight goes on in another file
-    # all logs together, without the one being written; beyond, the oldest are deleted
+    images: Literal["none", "jpeg", "lossless"] = "jpeg"  # landerd replay needs lossless for vision
+    every_nth: Annotated[int, Field(ge=1)] = 3  # of the searched frames, every n-th is recorded
+    disarmed_images: bool = False  # whether images are recorded while disarmed, too
+    most_file_mb: Annotated[float, Field(ge=1)] = 500.0  # a larger log goes on in another file
+    # size of all logs but the one being written; beyond this the oldest are deleted
     most_mb: Positive = 8000.0
     keep_free_mb: NotNegative = 200.0  # with less free space on the disk no images are recorded
 
 
 class WebSection(Section):
-    """Status page and Foxglove (docs/status-page.md)."""
+    """The status page, and the server for Foxglove (docs/status-page.md)."""
 
-    listen: str | None = None  # ADDRESS:PORT; None: there is no page
-    token_file: Path | None = None  # file with the page's token; needed beyond this computer
-    foxglove: str | None = None  # ADDRESS:PORT of this computer only; None: nothing for Foxglove
+    listen: str | None = None  # ADDRESS:PORT of the status page; None: there is no page
+    # file with the page's token; needed if other computers can reach the page
+    token_file: Path | None = None
+    foxglove: str | None = None  # ADDRESS:PORT of the server, this computer only; None: no server
 
     @field_validator("listen", "foxglove", mode="before")
     @classmethod
     def _address_and_port(cls, address: object) -> object:
         if address is not None:
-            split_address(str(address))  # a port alone is a number
+            split_address(str(address))  # YAML reads a port alone as a number
         return address
 
 
 class Config(Section):
-    """All sections that are not a driver's own."""
+    """The whole configuration, without the blocks of drivers and of the simulator."""
 
     pad: PadSection = PadSection()
     vehicle: VehicleSection = VehicleSection()

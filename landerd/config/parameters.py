@@ -1,8 +1,8 @@
-"""The tunable parameters, which a pilot may read and change over MAVLink, from the config models.
+"""The tunable parameters: numbers of the configuration that a pilot changes over MAVLink.
 
-Every number below `guidance` and `rc` is one. Names follow from the keys by rule, are at most 16
-characters and never change their meaning; ranges are those of the models. docs/parameters.md
-is made of them (landerd.reference).
+Every number in the sections `guidance` and `rc` is a parameter. Its name is derived from its key
+(`_short`), has at most 16 characters and never changes its meaning. Its range is that of the
+configuration's model. docs/parameters.md is generated from the parameters (landerd.reference).
 """
 
 import math
@@ -23,12 +23,12 @@ from landerd.config.yaml_tree import parse_block, put
 from landerd.ports import ParameterRefused
 
 SECTIONS = ("guidance", "rc")
-# Gains and the shape of the descent region; all else is locked while the vehicle is armed.
+# Keys that may be changed while the vehicle is armed: gains and the shape of the descent region.
 IN_FLIGHT = re.compile(
     r"guidance\.(?!limits|lost|descent)\w+\.(?!integral_limit)[\w.]+"
     r"|guidance\.descent\.(k1_m|k2_per_m|widest_k1_m|close_factor|slowest_mps)"
 )
-# Longer ones first.
+# Units by suffix of a key; longer suffixes come first, as the first that fits is taken.
 _UNITS = {
     "_per_m": "1/m",
     "_deg_s": "deg/s",
@@ -41,6 +41,7 @@ _UNITS = {
     "_s": "s",
     "_m": "m",
 }
+# Abbreviations in names, by word of a key; other words are written in full.
 _SHORT = {
     "acceleration": "ACC",
     "alignment": "ALIGN",
@@ -58,7 +59,8 @@ _SHORT = {
     "touchdown": "TD",
     "vertical": "V",
 }
-_OTHER_NAMES = {"guidance.lost.climb_mps": "LOST_CLIMB_V"}  # where the rule gives a name twice
+# Names by key, for keys that the rule would give the name of another key.
+_OTHER_NAMES = {"guidance.lost.climb_mps": "LOST_CLIMB_V"}
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -69,15 +71,15 @@ class Parameter:
 
     name: str
     key: str  # dotted key of the configuration
-    unit: str  # "" where it has none
+    unit: str  # "": the parameter has no unit
     default: float
-    whole: bool  # whole numbers only
-    bounds: tuple[tuple[str, float], ...]  # as ("above", 0.0); empty: any number
-    in_flight: bool  # may be changed while armed
+    whole: bool  # True: only whole numbers are allowed
+    bounds: tuple[tuple[str, float], ...]  # as ("above", 0.0); empty: any number is allowed
+    in_flight: bool  # True: may be changed while the vehicle is armed
 
     @property
     def range_in_words(self) -> str:
-        """What the configuration's models allow, as "above 0, at most 10"."""
+        """The allowed range, as "above 0, at most 10"."""
         return ", ".join(f"{word} {bound:g}" for word, bound in self.bounds) or "a number"
 
 
@@ -103,8 +105,13 @@ def value_of(config: BaseModel, key: str) -> float:
 def with_value(config: M, key: str, value: float) -> M:
     """Return the configuration with one number changed.
 
+    Args:
+        config: the configuration or a section of it.
+        key: dotted key of the number.
+        value: new value; cut to a whole number for keys of whole numbers.
+
     Raises:
-        ValidationError: the models refuse the value.
+        ValidationError: the model does not allow the value.
     """
     name, _, rest = key.partition(".")
     old = getattr(config, name)
@@ -113,30 +120,41 @@ def with_value(config: M, key: str, value: float) -> M:
 
 
 class ParameterSet:
-    """The parameters as they are now, and the overlay file they are saved to."""
+    """The current values of all parameters, and the overlay file into which they are saved."""
 
     def __init__(self, config: Config, overlay: Path | None = None) -> None:
-        """Overlay: where `save` writes; None: nowhere."""
+        """Start with the values of a configuration.
+
+        Args:
+            config: the configuration.
+            overlay: file that `save` writes; None: parameters cannot be saved.
+        """
         self._config = config
         self._overlay = overlay
         self._table = parameters()
-        self._unsaved: dict[str, float] = {}  # by key
+        self._unsaved: dict[str, float] = {}  # changed values by dotted key
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All names, in a fixed order."""
+        """The names of all parameters, in the order of the configuration."""
         return tuple(self._table)
 
     def value(self, name: str) -> float:
-        """Return a parameter's value. Raises KeyError."""
+        """Return the current value of a parameter. Raises KeyError."""
         return value_of(self._config, self._table[name].key)
 
     def change(self, name: str, value: float, *, disarmed: bool) -> str:
-        """Change a value and return its key of the configuration.
+        """Change the value of a parameter, and return its dotted key in the configuration.
+
+        Args:
+            name: of the parameter.
+            value: new value.
+            disarmed: whether the vehicle is disarmed.
 
         Raises:
             KeyError: there is no such parameter.
-            ParameterRefused: it is locked or out of range; nothing has changed.
+            ParameterRefused: the parameter must not be changed while armed, or the value is out of
+                range; nothing has changed.
         """
         parameter = self._table[name]
         if not (disarmed or parameter.in_flight):
@@ -147,14 +165,18 @@ class ParameterSet:
             self._config = with_value(self._config, parameter.key, value)
         except ValidationError as e:
             error = e.errors(include_url=False)[0]
-            if error["type"] == "value_error":  # of several keys together
+            if error["type"] == "value_error":  # from a check of several keys together
                 raise ParameterRefused(f"{name}: {error['ctx']['error']}") from None
             raise ParameterRefused(f"{name}: {parameter.range_in_words}") from None
         self._unsaved[parameter.key] = int(value) if parameter.whole else value
         return parameter.key
 
     def save(self) -> None:
-        """Write what was changed into the overlay file. Raises ParameterRefused."""
+        """Write the changed values into the overlay file, and keep its other keys.
+
+        Raises:
+            ParameterRefused: there is no overlay file, or it cannot be read or written.
+        """
         if self._overlay is None:
             raise ParameterRefused("no overlay file to save to")
         try:
@@ -167,7 +189,8 @@ class ParameterSet:
                 file.write("# Saved by a ground station; laid over the configuration.\n")
                 yaml.safe_dump(tree, file, sort_keys=False)
                 file.flush()
-                # `landerd check` reads it as another user than the service; it holds no secret.
+                # Readable for all, as `landerd check` runs as another user than the service; the
+                # file holds no secret.
                 os.fchmod(file.fileno(), 0o644)
                 os.fsync(file.fileno())
             new.replace(self._overlay)
@@ -178,6 +201,7 @@ class ParameterSet:
 
 
 def _walk(section: BaseModel, key: str) -> Iterator[Parameter]:
+    """Yield the parameters of a section with this dotted key, and of the sections in it."""
     for name, field in type(section).model_fields.items():
         value, inner = getattr(section, name), f"{key}.{name}"
         if isinstance(value, BaseModel):
@@ -196,6 +220,7 @@ def _walk(section: BaseModel, key: str) -> Iterator[Parameter]:
 
 
 def _without_unit(key: str) -> tuple[str, str]:
+    """Return a key without the suffix of its unit, and the unit; "": it has none."""
     for suffix, unit in _UNITS.items():
         if key.endswith(suffix):
             return key.removesuffix(suffix), unit
@@ -203,11 +228,13 @@ def _without_unit(key: str) -> tuple[str, str]:
 
 
 def _short(stem: str) -> str:
+    """Return the name of the parameter with this dotted key, without the suffix of its unit."""
     words = re.split(r"[._]", stem.removeprefix("guidance."))
     return "_".join(_SHORT.get(word, word.upper()) for word in words)
 
 
 def _bounds(field: FieldInfo) -> Iterator[tuple[str, float]]:
+    """Yield the bounds of a number, as ("at least", 0.5)."""
     for item in field.metadata:
         match item:
             case annotated_types.Gt(gt=bound):

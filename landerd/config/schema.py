@@ -1,4 +1,4 @@
-"""The keys of a model of the configuration, and in words the values that each may have."""
+"""Describes a model's keys for error messages: the allowed values in words, the nearest key."""
 
 import difflib
 import functools
@@ -12,34 +12,40 @@ from landerd.config.yaml_tree import Loc
 
 @functools.lru_cache(maxsize=8)
 def schema_of(model: type[BaseModel]) -> "Schema":
-    """Return the schema of a model; it is made once."""
+    """Return the schema of a model, cached."""
     return Schema(model)
 
 
 class Schema:
-    """The JSON schema of a model: its keys and the values that each may have."""
+    """The JSON schema of a model: its keys, and the values allowed for each.
+
+    A key may have several variants, as its type may be a union; each variant has a schema.
+    """
 
     def __init__(self, model: type[BaseModel]) -> None:
         self._root = model.model_json_schema()
         self._known = list(self._keys(self._root, ""))
 
     def is_path(self, loc: Loc, value: str) -> bool:
-        """Tell whether a key's value is the path of a file, not one of the key's words."""
+        """Tell whether the value of a key is the path of a file, and none of the allowed words."""
         variants = self._at(loc)
         words = (word for variant in variants for word in variant.get("enum", ()))
         return value not in words and any(v.get("format") == "path" for v in variants)
 
     def expected(self, loc: Loc) -> str:
-        """Return in words the values that a key may have."""
+        """Return the values allowed for a key, in words."""
         return " or ".join(dict.fromkeys(self._words(variant) for variant in self._at(loc)))
 
     def nearest(self, key: str) -> str:
-        """Return the known dotted key most like this one."""
+        """Return the known dotted key that is most similar to an unknown one.
+
+        Keys of the blocks that contain the unknown key are no candidates.
+        """
         candidates = [known for known in self._known if not key.startswith(f"{known}.")]
         return difflib.get_close_matches(key, candidates, n=1, cutoff=0.0)[0]
 
     def _at(self, loc: Loc) -> list[dict[str, Any]]:
-        """Return the variants that a key may have; none for an unknown key."""
+        """Return the schemas of a key's variants; none for an unknown key."""
         variants = [self._root]
         for part in loc:
             inner = [self._inner(variant, part) for variant in variants]
@@ -47,7 +53,7 @@ class Schema:
         return variants
 
     def _variants(self, schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
-        """Follow references and unions to plain schemas."""
+        """Yield the schemas of all variants, with references and unions resolved."""
         if "$ref" in schema:
             yield from self._variants(self._root["$defs"][schema["$ref"].rpartition("/")[2]])
         elif "anyOf" in schema or "oneOf" in schema:
@@ -57,6 +63,7 @@ class Schema:
             yield schema
 
     def _inner(self, schema: dict[str, Any], part: str | int) -> dict[str, Any] | None:
+        """Return the schema of a key of a block or of an item of a list; None: there is none."""
         if isinstance(part, str):
             inner: dict[str, Any] | None = schema.get("properties", {}).get(part)
             return inner
@@ -64,12 +71,14 @@ class Schema:
         return items[part] if part < len(items) else schema.get("items")
 
     def _keys(self, schema: dict[str, Any], prefix: str) -> Iterator[str]:
+        """Yield all keys of a schema and of the blocks in it, dotted, after a prefix."""
         for variant in self._variants(schema):
             for name, inner in variant.get("properties", {}).items():
                 yield prefix + name
                 yield from self._keys(inner, f"{prefix}{name}.")
 
     def _words(self, schema: dict[str, Any]) -> str:
+        """Return the values that one variant allows, in words."""
         kind = schema.get("type")
         if "const" in schema:
             return str(schema["const"])
@@ -101,5 +110,5 @@ _BOUNDS = {
 
 
 def dotted(loc: Loc) -> str:
-    """Return a place in the configuration as it is written: limits.speed_mps."""
+    """Return a key as it is written in overrides and messages, as limits.speed_mps."""
     return ".".join(str(part) for part in loc)

@@ -1,7 +1,8 @@
-"""YAML files as trees in which every value knows the file and line it came from.
+"""Parses YAML files into trees in which every value has the file and line it came from.
 
-YAML 1.2's plain scalars, without the surprises of 1.1 (yes, 010, 1:30); no tags, no aliases, no
-key twice. Faults are collected, not raised, so that all of them can be told at once.
+Plain scalars are those of YAML 1.2, so that `yes`, `010` and `1:30` are not converted as in 1.1.
+Tags, aliases and duplicate keys are faults. Faults are collected, not raised, so that all of them
+can be reported together.
 """
 
 import functools
@@ -17,9 +18,9 @@ import yaml
 from landerd.files import read_text
 from landerd.section import NUMBER, value_in_words
 
-Loc = tuple[str | int, ...]
+Loc = tuple[str | int, ...]  # place of a value in a tree: keys of blocks and indices of lists
 
-# The one key of a value that each seed of the simulator draws: landerd.config.distributions.
+# A block with one of these as its only key is a distribution (landerd.config.distributions).
 DISTRIBUTIONS = frozenset({"uniform", "log_uniform", "normal", "choice", "sign"})
 
 _OVERRIDE = "--set "  # begins the source of a value from the command line
@@ -27,10 +28,10 @@ _OVERRIDE = "--set "  # begins the source of a value from the command line
 
 @dataclass(frozen=True, order=True)
 class Place:
-    """Where a value is written."""
+    """Where a value is written: file and line, or command line."""
 
-    source: str  # a file's path, or "--set KEY=VALUE"
-    line: int = 0  # 0: the source as a whole
+    source: str  # path of a file, or "--set KEY=VALUE"
+    line: int = 0  # counted from 1; 0: the source as a whole
 
     def __str__(self) -> str:
         return f"{self.source}:{self.line}" if self.line else self.source
@@ -38,10 +39,10 @@ class Place:
 
 @dataclass(frozen=True, order=True)
 class Fault:
-    """An error in the value of a key."""
+    """An error in the configuration, reported to the user as one line."""
 
     place: Place
-    key: str  # dotted; "": the whole source
+    key: str  # dotted key of the value; "": the error is not in one value
     text: str
 
     def __str__(self) -> str:
@@ -57,14 +58,14 @@ class Fault:
 
 @dataclass(frozen=True)
 class Node:
-    """A value and where it is written."""
+    """A value and the place where it is written."""
 
     place: Place
-    folder: Path  # absolute; relative paths in the value start from here
+    folder: Path  # from which relative paths in the value start; absolute
     value: Any  # None, bool, int, float, str, list[Node] or dict[str, Node]
 
     def plain(self) -> Any:
-        """Return the value without places."""
+        """Return the value as plain dicts, lists and scalars, without places."""
         if isinstance(self.value, dict):
             return {key: node.plain() for key, node in self.value.items()}
         if isinstance(self.value, list):
@@ -72,20 +73,20 @@ class Node:
         return self.value
 
     def under(self, above: "Node") -> "Node":
-        """Return this tree with the other one laid over it, key by key."""
+        """Return a tree with the keys of both; of a key in both, the value of `above`."""
         if not (isinstance(self.value, dict) and isinstance(above.value, dict)):
             return above
         if DISTRIBUTIONS & {*self.value, *above.value}:
-            return above  # they are values, not blocks that could be merged
+            return above  # distributions are values: their keys are not merged
         value = dict(self.value)
         for key, node in above.value.items():
             value[key] = value[key].under(node) if key in value else node
         return Node(above.place, above.folder, value)
 
     def locate(self, loc: Sequence[str | int]) -> tuple["Node", Loc]:
-        """Return the innermost value on the way to loc, and its own place in the tree.
+        """Return the innermost value of the tree on the path `loc`, and the path to it.
 
-        Parts that are not in the tree are passed over: pydantic names variants in between.
+        Parts of `loc` that are not in the tree are skipped: pydantic inserts the names of variants.
         """
         node, at = self, list[str | int]()
         for part in loc:
@@ -98,14 +99,16 @@ class Node:
 
 
 def read_file(path: Path, faults: list[Fault], own: Path) -> Node:
-    """Read a file laid over the files of its `include` list; later ones win.
+    """Read a file and the files that it includes, merged into one tree.
 
-    Files that cannot be read count as empty and are faults.
+    A key has the value of the last file that sets it: of the included files in the order of the
+    list `include`, then of the file itself. A file that cannot be read counts as empty, and is a
+    fault.
 
     Args:
         path: of the file.
-        faults: errors are added to it.
-        own: folder in which includes are looked for that are not beside the file.
+        faults: errors are appended.
+        own: folder of the included files that are not found from the including file's folder.
     """
     return _read(path, Place(shown(path)), "", faults, (), own)
 
@@ -118,6 +121,16 @@ def _read(
     including: tuple[Path, ...],
     own: Path,
 ) -> Node:
+    """Do the work of `read_file` for one file: the first, or one that is included.
+
+    Args:
+        path: of the file.
+        named_at: place of the file's name, which is reported if the file cannot be read.
+        key: key of the file's name at that place.
+        faults: errors are appended.
+        including: files that include this one, directly or indirectly, resolved.
+        own: as `read_file` takes it.
+    """
     empty = Node(Place(shown(path)), path.absolute().parent, {})
     try:
         path = path.resolve()
@@ -153,10 +166,16 @@ def _read(
 
 
 def parse_block(text: str, path: Path) -> dict[str, Any]:
-    """Return the plain values of a file's text, `include` as it stands; an empty text has none.
+    """Return the keys and values of a YAML text, plain; an empty text has none.
+
+    Files in `include` are not read: it is returned like any other key.
+
+    Args:
+        text: in YAML.
+        path: of the file the text is from, for the error message.
 
     Raises:
-        ValueError: it is no block of keys.
+        ValueError: the text is not YAML, or no block of keys.
     """
     faults: list[Fault] = []
     tree = _Parser(Place(shown(path)), path.absolute().parent, faults).parse(text)
@@ -167,7 +186,12 @@ def parse_block(text: str, path: Path) -> dict[str, Any]:
 
 
 def read_override(override: str, faults: list[Fault]) -> Node:
-    """Turn "a.b=1" into the tree {a: {b: 1}}; the value is YAML."""
+    """Return the tree of a `--set`, as {a: {b: 1}} of "a.b=1".
+
+    Args:
+        override: KEY=VALUE, the key dotted, the value in YAML.
+        faults: errors are appended.
+    """
     empty = Node(Place(f"{_OVERRIDE}{override}"), Path.cwd(), {})
     key, equals, text = override.partition("=")
     names = key.split(".")
@@ -183,7 +207,7 @@ def read_override(override: str, faults: list[Fault]) -> Node:
 
 
 def from_plain(value: Any, place: Place) -> Node:
-    """Return a tree of values that come from no YAML file."""
+    """Return a tree of plain values that are not from a YAML file, all with the same place."""
     if isinstance(value, dict):
         value = {key: from_plain(inner, place) for key, inner in value.items()}
     elif isinstance(value, list):
@@ -192,15 +216,16 @@ def from_plain(value: Any, place: Place) -> Node:
 
 
 def shown(path: Path) -> str:
-    """Return the path as it is shortest to read from the working directory."""
+    """Return a path for messages: relative to the working directory if the file is below it."""
     absolute = path.absolute()
     here = Path.cwd()
-    # A service runs in the root folder: its paths stay whole.
+    # Not from the root folder, in which services run: their paths stay absolute.
     is_near = here.parent != here and absolute.is_relative_to(here)
     return str(absolute.relative_to(here) if is_near else path)
 
 
 def _file_names(include: Node, faults: list[Fault]) -> list[Node]:
+    """Return the file names of an `include`; what is no list of texts is a fault."""
     nodes: list[Node] = include.value if isinstance(include.value, list) else [include]
     wrong = [node for node in nodes if node is include or not isinstance(node.value, str)]
     for node in wrong:
@@ -210,6 +235,8 @@ def _file_names(include: Node, faults: list[Fault]) -> list[Node]:
 
 
 class _Parser:
+    """Turns YAML texts into trees, and appends faults to a list."""
+
     def __init__(self, source: Place, folder: Path, faults: list[Fault]) -> None:
         self._source = source
         self._folder = folder
@@ -237,7 +264,8 @@ class _Parser:
 
     def _node(self, node: Any, start: Any, key: str) -> Node:
         value: Any
-        if node.tag.rpartition(":")[2] not in ("str", "seq", "map"):  # what the loader gives
+        # All other tags are written in the text: the loader itself gives only these three.
+        if node.tag.rpartition(":")[2] not in ("str", "seq", "map"):
             self._fault(start, key, f"found the tag {node.tag}, expected none")
             value = None
         elif isinstance(node, yaml.MappingNode):
@@ -271,12 +299,15 @@ class _Parser:
 
 @functools.lru_cache(maxsize=16)
 def _composed(text: str) -> Any:
-    """Return the nodes of a text, which nobody changes; a campaign reads each file often."""
+    """Return the YAML nodes of a text, cached: a campaign reads the same files in every flight.
+
+    The nodes must not be changed.
+    """
     return yaml.compose(text, Loader=_Loader)
 
 
 class _Loader(yaml.BaseLoader):
-    """Leaves every scalar text, and refuses aliases: a tree of them may be endless."""
+    """Leaves every scalar as text, and refuses aliases, by which a tree may contain itself."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
@@ -291,7 +322,10 @@ _NUMBER = re.compile(NUMBER, re.ASCII)
 
 
 def _scalar(text: str) -> bool | int | float | str | None:
-    """Return the value of a plain scalar; .nan and .inf stay text, as no key allows them."""
+    """Return the value of a plain scalar by YAML 1.2.
+
+    Unlike there, .nan and .inf stay text, as no key allows them.
+    """
     if text in ("", "~", "null"):
         return None
     if text in ("true", "false"):
@@ -302,7 +336,13 @@ def _scalar(text: str) -> bool | int | float | str | None:
 
 
 def put(tree: dict[str, Any], path: Sequence[str], value: Any) -> None:
-    """Set a value in nested mappings, which are made where they are missing."""
+    """Set a value in nested mappings; missing mappings are created.
+
+    Args:
+        tree: outermost mapping.
+        path: the key in each mapping, from the outermost to the innermost.
+        value: to set.
+    """
     for name in path[:-1]:
         tree = tree.setdefault(name, {})
     tree[path[-1]] = value
