@@ -302,6 +302,8 @@ def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
     found: dict[Fault, None] = {}
     for error in errors:
         node, loc = tree.locate(error["loc"])
+        if node.value is None and _is_reported(node.place, dotted(loc), faults):
+            continue
         if error["type"] == "missing":
             loc = (*loc, error["loc"][-1])
             text = f"missing, expected {schema.expected(loc)}"
@@ -316,6 +318,11 @@ def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
         found[Fault(node.place, dotted(loc), text)] = None
     faults += found
     return None
+
+
+def _is_reported(place: Place, key: str, faults: Sequence[Fault]) -> bool:
+    """Tell whether a value is nothing because of a fault that is known already."""
+    return any(f.place == place and f"{f.key}.".startswith(f"{key}.") for f in faults)
 
 
 def _with_paths(node: Node, schema: Schema, loc: Loc, faults: list[Fault]) -> Node:
