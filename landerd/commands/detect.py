@@ -1,4 +1,4 @@
-"""`landerd detect`: markers in images, folders, videos and cameras."""
+"""`landerd detect`: finds the pad and its markers in images, folders, videos and cameras."""
 
 import argparse
 import json
@@ -26,14 +26,16 @@ from landerd.vision import Vision
 from landerd.vision.disagreement import Disagreement
 from landerd.vision.draw import draw
 
-# Of a still. Squares are looked for in another way each search, of a pad with rings in each fifth:
-# after the first of these with all thresholds in the whole and with the first in all quarters.
+# Number of searches of a still without a pad: at least, and at most while the search of the whole
+# image goes on. Squares in the whole image are searched for with the thresholds in turn, and in its
+# quarters in turn (landerd.vision.square); if the pad has rings, only by every fifth search. The
+# least number is enough for all thresholds in the whole image, and for the first in all quarters.
 _LEAST_SEARCHES, _MOST_SEARCHES = 37, 54
-_MOST_CAMERAS = 1000  # a longer number is none's
-_READOUT_S = 0.02  # of the shutter of a camera that nobody knows
+_MOST_CAMERAS = 1000  # a number from here on is not taken for a camera's
+_READOUT_S = 0.02  # readout time assumed of the camera's rolling shutter, s
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
-_OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".dng"}  # which OpenCV does not read
-_BITS = 8  # of a pixel here
+_OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".dng"}  # formats that OpenCV cannot read
+_BITS = 8  # bits per pixel of the pictures that are searched
 
 
 class SourceError(Exception):
@@ -44,14 +46,14 @@ class SourceError(Exception):
 class Picture:
     """One grey picture of a source."""
 
-    name: str
-    t: float  # s, from the start of its source
-    image: NDArray[np.uint8]
-    follows: bool  # the picture before is the frame before
-    is_still: bool  # of an image, not of a video or camera
+    name: str  # file, or SOURCE#NUMBER of a video or camera
+    t: float  # time since the start of its source, s
+    image: NDArray[np.uint8]  # (height, width)
+    follows: bool  # whether the picture before is the preceding frame of the same video or camera
+    is_still: bool  # whether it is from an image file, not from a video or camera
 
 
-Refuse = Callable[[Exception], None]  # is told of a picture that is left out, and why
+Refuse = Callable[[Exception], None]  # called with the reason if a picture is left out
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,18 +75,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pad",
         required=True,
         metavar="FILE",
-        help="which markers, how large, where; or one of landerd's own by name, as nested",
+        help="pad file: markers, sizes and places; or one of landerd's own by name, as nested",
     )
     parser.add_argument(
-        "--json", action="store_true", help="print one JSON object an image and line"
+        "--json", action="store_true", help="print one JSON object per image, each on a line"
     )
     parser.add_argument(
-        "--draw", type=Path, metavar="FOLDER", help="write pictures with the markers drawn in"
+        "--draw",
+        type=Path,
+        metavar="FOLDER",
+        help="write the pictures with the markers drawn into this folder",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what each picture shows; return 0."""
+    """Print the markers and the pad in each picture; return 0.
+
+    Raises:
+        InputError: an argument cannot be used; or, after the others are done, a source cannot.
+    """
     with refusing(CalibrationError, PadError):
         camera, layout = load_camera(own_or(args.camera)), load_pad(pad_path(args.pad))
     try:
@@ -102,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
     drawn: set[Path] = set()
 
     def refuse(e: Exception) -> None:
-        tell(str(e))  # at once: the next source may be a camera, which does not end
+        tell(str(e))  # at once, as the next source may be a camera, which has no end
         refused.append(str(e))
 
     for source in args.sources:
@@ -123,6 +132,20 @@ def _detect(
     refuse: Refuse,
     drawn: set[Path],
 ) -> None:
+    """Print what the pictures of one source show, and draw them if asked to.
+
+    Args:
+        source: file, folder, camera or URL.
+        camera: the calibration.
+        layout: the pad.
+        args: of the command line.
+        refuse: called with the reason for each picture that is left out.
+        drawn: files drawn so far; those of this source are added.
+
+    Raises:
+        SourceError: the source cannot be read.
+        CalibrationError: the calibration does not fit the size of a video's or camera's frames.
+    """
     vision: Vision | None = None
     for seq, picture in enumerate(pictures(source, refuse)):
         height, width = picture.image.shape
@@ -151,7 +174,13 @@ def _detect(
 
 
 def _unused(folder: Path, name: str, used: set[Path]) -> Path:
-    """Return where a picture of that name is drawn; pictures of other folders may be named so."""
+    """Return a file for drawing a picture, with a number if the picture's name is used already.
+
+    Args:
+        folder: in which the file is.
+        name: of the picture; the folder in it is left out, so names may be equal.
+        used: files returned so far; the new one is added.
+    """
     name = Path(name).name.replace("#", "_")
     path, number = folder / f"{name}.png", 1
     while path in used:
@@ -162,7 +191,11 @@ def _unused(folder: Path, name: str, used: set[Path]) -> Path:
 
 
 def search_still(vision: Vision, frame: Frame) -> Sightings:
-    """Search a still for all that a film would show again in its next pictures."""
+    """Search a still repeatedly, and return what the first search that finds the pad sees.
+
+    In a video a thorough search is spread over several frames; here the same frame is searched
+    again instead. If no search finds the pad, the sightings of the last one are returned.
+    """
     sightings = vision.process(frame)
     for searches in range(1, _MOST_SEARCHES):
         if sightings.pad or (searches >= _LEAST_SEARCHES and not vision.was_cut):
@@ -179,16 +212,17 @@ def _new_vision(layout: PadLayout, camera: CameraModel) -> Vision:
 
 
 def pictures(source: str, refuse: Refuse) -> Iterator[Picture]:
-    """Yield an image, the images of a folder, the frames of a video or camera.
+    """Yield the picture of an image file, those in a folder, or the frames of a video or camera.
 
     Args:
         source: file, folder, camera or URL.
-        refuse: is told of each image of a folder that cannot be read; the others are yielded.
+        refuse: called with the reason for each image of a folder that cannot be read; the others
+            are yielded.
 
     Raises:
-        SourceError: it cannot be read.
+        SourceError: the source cannot be read.
     """
-    # What cannot be read is told in our own line.
+    # OpenCV's own messages are switched off: a source that cannot be read is one line of ours.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     path = Path(source)
@@ -219,6 +253,7 @@ def pictures(source: str, refuse: Refuse) -> Iterator[Picture]:
 
 
 def _still(path: Path) -> Picture:
+    """Return the picture in an image file, converted to 8 bits. Raises SourceError."""
     try:
         data = path.read_bytes()
     except OSError as e:
@@ -234,12 +269,20 @@ def _still(path: Path) -> Picture:
 
 
 def _of_depth(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return what 10, 12, 14 or 16 bits of a sensor show, which none of these files say."""
+    """Return an image of 16 bits per pixel converted to 8.
+
+    The sensor may have had 10, 12, 14 or 16 bits. No file format states it, so it is taken from the
+    brightest pixel.
+    """
     return np.asarray(image >> max(0, int(image.max()).bit_length() - _BITS), dtype=np.uint8)
 
 
 def _frames(source: str) -> Iterator[Picture]:
-    """Yield the frames of a video or camera; a camera's until it goes or Ctrl-C."""
+    """Yield the frames of a video, or of a camera until it is disconnected or Ctrl-C.
+
+    Raises:
+        SourceError: the source cannot be opened, or has no frames.
+    """
     is_camera = source.isdecimal() or source.startswith("/dev/")
     if not is_camera and "://" not in source and not Path(source).is_file():
         raise SourceError(f"{source}: no such file or folder")
@@ -275,7 +318,14 @@ def _frames(source: str) -> Iterator[Picture]:
 def as_json(
     name: str, sightings: Sightings, ms: float, wrong: Disagreement | None = None
 ) -> dict[str, Any]:
-    """Return the object that `--json` prints for one picture."""
+    """Return the object that `--json` prints for one picture.
+
+    Args:
+        name: of the picture.
+        sightings: in the picture.
+        ms: time of the search, ms.
+        wrong: error by which markers contradict each other; None: they do not.
+    """
     return {
         "image": name,
         "markers": [_marker(m) for m in sightings.markers],
@@ -287,7 +337,7 @@ def as_json(
 
 
 def _disagreement(wrong: Disagreement) -> dict[str, Any]:
-    """Return what would explain that markers contradict each other; angles in degrees."""
+    """Return the error that explains why markers contradict each other; angles in degrees."""
     marker, by = wrong.marker, wrong.by
     if wrong.what in ("tilt", "heading"):
         by = math.degrees(by)
@@ -312,6 +362,7 @@ def _marker(marker: MarkerSighting) -> dict[str, Any]:
 
 
 def _pose(pose: PoseSolution) -> dict[str, Any]:
+    """Return a pose for `--json`, camera frame: m, degrees, and standard deviations."""
     return {
         "position_m": list(pose.position),
         "yaw_deg": None if pose.north is None else yaw_deg(pose.normal, pose.north),
@@ -322,13 +373,21 @@ def _pose(pose: PoseSolution) -> dict[str, Any]:
 
 
 def yaw_deg(normal: Vec3, north: Vec3) -> float:
-    """Return the angle about the normal from image-up, in the plane, to north; clockwise, deg."""
+    """Return the heading of a marker or pad in the image, degrees, clockwise.
+
+    The angle is measured in the pad's plane, from the image's upward direction to north.
+
+    Args:
+        normal: unit vector into the plane, away from the camera; camera frame.
+        north: unit vector in the plane, camera frame.
+    """
     up: Vec3 = (0.0, -1.0, 0.0)
     up = sub(up, scale(normal, dot(normal, up)))
     return math.degrees(math.atan2(dot(normal, cross(up, north)), dot(up, north)))
 
 
 def _in_words(name: str, sightings: Sightings, ms: float, wrong: Disagreement | None) -> str:
+    """Return the line that is printed for one picture; arguments as those of `as_json`."""
     parts = []
     for m in sightings.markers:
         label = m.kind if m.id is None else f"{m.kind} {m.id}"
@@ -343,6 +402,7 @@ def _in_words(name: str, sightings: Sightings, ms: float, wrong: Disagreement | 
 
 
 def _place(pose: PoseSolution) -> str:
+    """Return a pose in words, camera frame, with its largest standard deviation of position."""
     x, y, z = pose.position
     sigma = math.sqrt(max(pose.covariance[i][i] for i in range(3)))
     text = f"({x:.3f}, {y:.3f}, {z:.3f}) m, sigma {sigma:.3f} m"

@@ -1,7 +1,9 @@
-"""`landerd install`: program, user, udev's rules, example configuration and unit, as a service.
+"""`landerd install`: installs landerd as a service of systemd.
 
-It runs from a checkout or out of a wheel file, with nothing but Python there: first it puts the
-program into /opt, and then the program there does the rest.
+It installs the program, the service's user, udev rules, an example configuration and the unit.
+
+It runs from a checkout or from inside a wheel file, without any other Python package. So it first
+installs the program into /opt, and then lets that program do the rest.
 """
 
 import argparse
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from landerd.installation.steps import Step
 
 _BOARDS = ("pixhawk-usb", "pixhawk-uart", "navio2", "jetson")
-_SYSTEM = Path("/")
+_SYSTEM = Path("/")  # root folder of the running system
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,34 +29,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--board",
         required=True,
         choices=_BOARDS,
-        help="how autopilot and companion are put together (docs/install.md)",
+        help="how autopilot and companion computer are connected (docs/install.md)",
     )
     add_root(parser)
 
 
 def add_root(parser: argparse.ArgumentParser) -> None:
-    """Add what install and uninstall share."""
-    parser.add_argument("--dry-run", action="store_true", help="say each action and do none")
+    """Add the arguments that install and uninstall share: --dry-run and --root."""
+    parser.add_argument("--dry-run", action="store_true", help="print each action and do none")
     parser.add_argument(
         "--root",
         type=_system,
         default=_SYSTEM,
         metavar="DIR",
-        help="another system's files, of an image: only files are written, no command is run",
+        help="root folder of another system, as a mounted image: only files are written, no "
+        "command is run",
     )
 
 
 def _system(text: str) -> Path:
-    if not text:  # as of a shell's variable that is not set; the working directory is meant by "."
+    """Return the root folder of a system; the type of --root."""
+    if not text:  # as of a shell variable that is not set; Path would be the working directory
         raise argparse.ArgumentTypeError("found '', expected a folder")
-    if not Path(text).is_dir():  # an image that is not mounted would be written beside
+    if not Path(text).is_dir():  # an image that is not mounted: the folder must not be created
         raise argparse.ArgumentTypeError(f"{text}: no such folder")
     return Path(text)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Install; return 0, or 1 if this version cannot read the configuration that is there."""
-    if sys.version_info < (3, 11):  # noqa: UP036 - nothing has asked before
+    """Install; return 0, or 1 if this version cannot read the user's configuration.
+
+    Raises:
+        InputError: Python is too old, a step fails, or it needs root.
+    """
+    # ruff takes this for needless, but run from a checkout pip has not checked the version.
+    if sys.version_info < (3, 11):  # noqa: UP036
         found = ".".join(str(part) for part in sys.version_info[:2])
         raise InputError(f"landerd needs Python 3.11 or newer, this is {found}")
     from landerd.installation.program import (
@@ -82,9 +91,9 @@ def run(args: argparse.Namespace) -> int:
         key_steps, news, unreadable = _keys() if is_installed_copy() else ([], [], [])
         carry_out([*steps, *key_steps], args)
     if news:
-        print("changed in the configuration's keys:", *news, sep="\n  ")
+        print("changes of the configuration's keys:", *news, sep="\n  ")
     if unreadable:
-        print("this version cannot read your configuration, landerd would not start:")
+        print("this version cannot read your configuration; landerd would not start:")
         print("\n".join(unreadable))
         return 1
     if steps and not args.dry_run:
@@ -100,7 +109,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def carry_out(steps: "Sequence[Step]", args: argparse.Namespace) -> None:
-    """Say each step and do it, unless it is a dry run. Raises InstallError, OSError, InputError."""
+    """Print each step, and do it unless --dry-run is given.
+
+    Args:
+        steps: what is to be done.
+        args: of `add_root`.
+
+    Raises:
+        InputError: it needs root.
+        InstallError: the service is running, or a step fails.
+        OSError: a step fails.
+    """
     from landerd.installation.service import refuse_while_it_runs
 
     if not steps:
@@ -117,14 +136,19 @@ def carry_out(steps: "Sequence[Step]", args: argparse.Namespace) -> None:
 
 
 def _by_the_installed_copy(board: str) -> int:
-    """Let the program in /opt do the rest: it can read configurations."""
+    """Run the program in /opt for the rest, as it can read configurations; return its exit code."""
     from landerd.installation.program import PROGRAM
 
     return subprocess.run([PROGRAM, "install", "--board", board], check=False).returncode
 
 
 def _keys() -> "tuple[list[Step], list[str], list[str]]":
-    """Return what notes this version's keys, what is new in them, and faults of the user's."""
+    """Compare this version's keys of the configuration with those of the version before.
+
+    Returns:
+        Steps that store this version's keys, a line for each change, and a line for each fault in
+        the user's configuration.
+    """
     from landerd.installation import keys
     from landerd.installation.service import CONFIGURATION
 

@@ -1,4 +1,4 @@
-"""Where the commands that fly keep their flights, and which landerd flew them."""
+"""The file in which commands that fly keep their runs (--keep), and the version that flew them."""
 
 import argparse
 import contextlib
@@ -11,21 +11,21 @@ from landerd import __version__
 from landerd.campaigns.journal import Journal, Plan, Sitting
 from landerd.campaigns.plan import Campaign
 
-PROGRAM = ("landerd", "hw", "config")
+PROGRAM = ("landerd", "hw", "config")  # folders of a checkout whose changes may change flights
 
 
 def journal_of(
     args: argparse.Namespace, settings: str, campaigns: Mapping[str, Campaign]
 ) -> Journal | None:
-    """Return the file of --keep; None: nothing is kept.
+    """Return the journal in the file of --keep; None without --keep.
 
     Args:
         args: of `add_flying` and `add_config`.
-        settings: tells the configuration from every other.
-        campaigns: what is flown, by name.
+        settings: identifies the configuration.
+        campaigns: the campaigns to fly, by name.
 
     Raises:
-        JournalError: it cannot be used.
+        JournalError: the file cannot be used.
     """
     if args.keep is None:
         return None
@@ -35,7 +35,7 @@ def journal_of(
 
 
 def sitting() -> Sitting:
-    """Return when it is, and which landerd this is: its version, and its commit in a checkout."""
+    """Return the current time and landerd's version, in a checkout with its commit."""
     now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     commit = _git("log", "-1", "--format=%h")
     if not commit:
@@ -45,7 +45,7 @@ def sitting() -> Sitting:
 
 
 def _git(*arguments: str) -> str:
-    """Return what git says of the program's files; nothing where they are not its."""
+    """Return what a git command prints about the program's files; "" if they are no checkout."""
     command = ["git", *arguments, "--", *PROGRAM]
     root = Path(__file__).parents[2]
     with contextlib.suppress(OSError):

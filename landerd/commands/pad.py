@@ -1,4 +1,4 @@
-"""`landerd pad`: a pad to print at true size, to cut, to propose, to mend after measuring."""
+"""`landerd pad`: prints or cuts a pad at true size, proposes one, or enters measured sizes."""
 
 import argparse
 from pathlib import Path
@@ -26,13 +26,15 @@ from landerd.printing.proposal import View, propose
 from landerd.printing.sheets import LARGEST_OVERLAP_MM, PAPERS, RULER_MM, one_sheet, tiled, tiling
 from landerd.printing.svg import outline_svg, svg
 
-_Sheets = dict[str, Any]  # what --json says of the paper
+_Sheets = dict[str, Any]  # number and sizes of the sheets, as --json prints them
 
-_SHEET = "sheet"
-_MOST_SHEETS = 5000  # of paper: a pad of 15 m
-_SCALED = 0.03  # of the bar's length: no printer errs so far, a dialog that fits to the page does
+_SHEET = "sheet"  # value of --paper: one sheet as large as the pad
+_MOST_SHEETS = 5000  # largest number of sheets: a pad of about 15 m
+# Relative error of a measured length from which on the print was probably scaled: printers are more
+# accurate, but a print dialog may fit the pad to the page.
+_SCALED = 0.03
 _SUFFIXES = (".pdf", ".svg", ".yaml")
-_NONE = ("0", "0mm")
+_NONE = ("0", "0mm")  # texts for an overlap of 0, which is no length elsewhere
 _DEFAULT_PAD = "thesis"
 _THESIS_CAMERA = Path("cameras", "thesis.yaml")
 
@@ -58,16 +60,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--paper",
         type=str.lower,
         choices=[*PAPERS, _SHEET],
-        help="many sheets of this paper, or one as large as the pad, for a print shop (a4; of an "
-        ".svg: sheet)",
+        help="many sheets of this paper, or (sheet) one as large as the pad, for a print shop "
+        "(a4; for an .svg: sheet)",
     )
     parser.add_argument(
-        "--overlap", type=_overlap, default=0.010, metavar="LENGTH", help="of sheets (10mm)"
+        "--overlap",
+        type=_overlap,
+        default=0.010,
+        metavar="LENGTH",
+        help="by which sheets overlap (10mm)",
     )
     parser.add_argument(
         "--outline",
         action="store_true",
-        help="outlines of the black areas for a vinyl cutter, and nothing else; an .svg",
+        help="only the outlines of the black areas, for a vinyl cutter; an .svg",
     )
     _add_measured(parser)
     _add_proposed(parser)
@@ -75,44 +81,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_measured(parser: argparse.ArgumentParser) -> None:
-    """Add what makes a pad file of a print that was measured."""
+    """Add --measured, which writes a pad file with the measured sizes of a print."""
     parser.add_argument(
         "--measured",
         action="append",
         default=[],
         type=_measurement,
         metavar="WHAT=LENGTH",
-        help="write a pad file with what you measured on the print: ruler=99.2mm (the bar of "
-        "100 mm: all markers and places) or one marker's outer diameter or black edge, as "
-        "whycon=994mm or apriltag-0=311mm; may be given again",
+        help="write a pad file with a length that you measured on the print: ruler=99.2mm (the "
+        "printed bar of 100 mm, which scales all markers and places), or one marker's outer "
+        "diameter or black edge, as whycon=994mm or apriltag-0=311mm; may be given again",
     )
 
 
 def _add_proposed(parser: argparse.ArgumentParser) -> None:
-    """Add what proposes a pad of a wanted size."""
+    """Add the arguments that propose a pad of a given size: --for, --seen-from, --camera."""
     parser.add_argument(
         "--for",
         dest="side",
         type=_length,
         metavar="LENGTH",
-        help="propose a layout for a pad so wide, and write its pad file beside the print",
+        help="propose a layout for a pad of this width, and write its pad file beside the print",
     )
     parser.add_argument(
         "--seen-from",
         type=_length,
         metavar="LENGTH",
-        help="with --for: how far off it must be seen",
+        help="with --for: distance from which it must be seen",
     )
     parser.add_argument(
         "--camera",
         type=Path,
         metavar="FILE",
-        help="with --for: its calibration (the thesis's camera, 640x480 of 77 degrees)",
+        help="with --for: calibration of the camera (the thesis's, 640x480 with 77 degrees of "
+        "view)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the pad and say what was written; return 0."""
+    """Write the pad and print what was written; return 0. Raises InputError."""
     _check_arguments(args)
     with refusing(PadError, CalibrationError):
         view = _view(args.camera)
@@ -141,6 +148,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _length(text: str) -> float:
+    """Return a length in m, as of "99.2mm"; the type of an argument."""
     try:
         return length_m(text)
     except ValueError as e:
@@ -148,6 +156,7 @@ def _length(text: str) -> float:
 
 
 def _overlap(text: str) -> float:
+    """Return the overlap of sheets in m, which may be 0; the type of --overlap."""
     length = 0.0 if text in _NONE else _length(text)
     if 1e3 * length > LARGEST_OVERLAP_MM:
         raise argparse.ArgumentTypeError(f"found {text!r}, expected 0 to {LARGEST_OVERLAP_MM:g}mm")
@@ -155,6 +164,7 @@ def _overlap(text: str) -> float:
 
 
 def _measurement(text: str) -> tuple[str, float]:
+    """Return what was measured, and its length in m; the type of --measured."""
     what, _, length = text.partition("=")
     if not (what and length):
         raise argparse.ArgumentTypeError(f"found {text!r}, expected WHAT=LENGTH, as ruler=99.2mm")
@@ -162,13 +172,9 @@ def _measurement(text: str) -> tuple[str, float]:
 
 
 def _check_arguments(args: argparse.Namespace) -> None:
-    """Refuse what does not go together.
-
-    Raises:
-        InputError: it does not.
-    """
+    """Raise InputError for arguments that exclude or need each other, or an -o of no use."""
     if (args.side is None) != (args.seen_from is None):
-        raise InputError("--for and --seen-from: one is given without the other")
+        raise InputError("--for and --seen-from: expected both or none")
     proposes = args.side is not None
     suffix = args.output.suffix
     tiles = args.paper not in (None, _SHEET)
@@ -176,7 +182,7 @@ def _check_arguments(args: argparse.Namespace) -> None:
         (proposes and args.pad, f"{args.pad}: not with --for, which proposes a layout of its own"),
         (
             proposes and args.measured,
-            "--measured: not with --for; give the pad file that you printed",
+            "--measured: not with --for; give the pad file of the print",
         ),
         (args.camera and not proposes, "--camera: only with --for"),
         (suffix not in _SUFFIXES, f"-o {args.output}: expected a {', '.join(_SUFFIXES)}"),
@@ -198,23 +204,25 @@ def _check_arguments(args: argparse.Namespace) -> None:
 
 
 def _view(camera: Path | None) -> View:
+    """Return the view of the camera with this calibration; None: of the thesis's camera."""
     return _seen_by(load_camera(camera or config_dir() / _THESIS_CAMERA))
 
 
 def _seen_by(camera: CameraModel) -> View:
+    """Return a camera's view, by the shorter side of its image."""
     return View(min(camera.fx, camera.fy), min(camera.width, camera.height))
 
 
 def _layout(args: argparse.Namespace, view: View) -> PadLayout:
-    """Return the layout to be written.
+    """Return the layout of the pad to write: proposed, read from a file, or read and measured.
 
     Raises:
-        PadError: it cannot be read, proposed or measured so.
-        InputError: it does not fit its plate.
+        PadError: it cannot be read or proposed, or the measured lengths cannot be used.
+        InputError: the pad is unknown, does not fit its plate, or a length is given twice.
     """
     if args.side is not None:
         return propose(args.side, args.seen_from, view)
-    if args.pad == "":  # as of a shell's variable that is not set
+    if args.pad == "":  # as of a shell variable that is not set
         raise InputError("pad '': expected the name of a pad or a file")
     name = args.pad or _DEFAULT_PAD
     layout = load_pad(pad_path(name))
@@ -230,7 +238,7 @@ def _layout(args: argparse.Namespace, view: View) -> PadLayout:
     layout = measured(layout, lengths_m)
     for what, length in lengths_m.items():
         if abs(length / printed_m[what] - 1.0) > _SCALED:
-            tell(f"{what}: 3 % and more off; was it printed at 100 %? It is taken as measured")
+            tell(f"{what}: off by 3 % or more; was it printed at 100 %? It is taken as measured")
     return layout
 
 
@@ -238,6 +246,7 @@ def _layout(args: argparse.Namespace, view: View) -> PadLayout:
 
 
 def _file_text(args: argparse.Namespace, layout: PadLayout) -> str:
+    """Return the pad file's text, which begins with a remark on its origin."""
     if args.side is not None:
         return pad_file(layout, ["Proposed by landerd. Measure the print: landerd pad --measured."])
     found = ", ".join(f"{what} {1e3 * length:g} mm" for what, length in args.measured)
@@ -245,10 +254,11 @@ def _file_text(args: argparse.Namespace, layout: PadLayout) -> str:
 
 
 def _check_new(path: Path, text: str) -> None:
-    """Refuse a pad file that is there already, unless it is the same.
+    """Raise InputError if a pad file exists with another text, or cannot be written.
 
-    Raises:
-        InputError: there is another, or it cannot be written.
+    Args:
+        path: of the pad file.
+        text: that is to be written.
     """
     check_output(path, ".yaml")
     try:
@@ -256,14 +266,14 @@ def _check_new(path: Path, text: str) -> None:
     except (OSError, UnicodeDecodeError):
         is_another = True
     if is_another:
-        raise InputError(f"{path}: is there already, with something else in it; choose another -o")
+        raise InputError(f"{path}: exists already, with other contents; choose another -o")
 
 
 def _write_print(args: argparse.Namespace, layout: PadLayout) -> _Sheets:
-    """Write the PDF or SVG and return what paper it needs.
+    """Write the PDF or SVG; return number and sizes of its sheets, empty for outlines.
 
     Raises:
-        InputError: it cannot be written, or a PDF cannot be so large.
+        InputError: the file cannot be written, or the pad is too large for it.
     """
     is_svg = args.output.suffix == ".svg"
     if args.outline:
@@ -296,6 +306,7 @@ def _write_print(args: argparse.Namespace, layout: PadLayout) -> _Sheets:
 
 
 def _write_pdf(path: Path, document: Document) -> None:
+    """Write a PDF. Raises InputError if it cannot be written, or a page is too large."""
     longest = max(max(page.width, page.height) for page in document.pages)
     if longest > LARGEST_MM:
         most = f"{LARGEST_MM / 1e3:g} m"
@@ -309,7 +320,10 @@ def _write_pdf(path: Path, document: Document) -> None:
 
 
 def _described(name: str, marker: Marker, view: View) -> dict[str, Any]:
-    """Return what a user wants to know of a marker; distances rounded to what they are worth."""
+    """Return size, place and visibility of a marker, as --json prints them.
+
+    Distances at which it is seen are estimates, and rounded accordingly.
+    """
     return {
         "name": name,
         "kind": marker.kind,

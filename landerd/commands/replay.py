@@ -1,4 +1,4 @@
-"""`landerd replay`: a flight again on the desk, from its log alone."""
+"""`landerd replay`: runs a recorded flight through this version's code, and compares."""
 
 import argparse
 import math
@@ -21,7 +21,7 @@ from landerd.flightlog.replay import (
 )
 from landerd.messages import Command
 
-# What the log holds itself: files of these names may have changed since.
+# Keys that name files. The log contains what these files were, so --set cannot change them.
 _HELD = ("pad.layout", "camera.calibration")
 
 
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print how the replay compares; return 0, or 1 if it differs."""
+    """Print how the replay differs from the log; return 0, or 1 if it differs without --set."""
     for key in (option.partition("=")[0].strip() for option in args.set):
         if key in _HELD:
             raise InputError(f"--set {key}: the log's own is replayed; no other can be given")
@@ -55,7 +55,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def config_of(log: FlightLog, overrides: list[str]) -> tuple[Config, list[str]]:
-    """Return a log's configuration with overrides, and its keys that are not known any more.
+    """Return a log's configuration with overrides, and those of its keys that are unknown today.
+
+    Args:
+        log: the flight log.
+        overrides: KEY=VALUE, each.
 
     Raises:
         ConfigError: a value cannot be used.
@@ -64,10 +68,12 @@ def config_of(log: FlightLog, overrides: list[str]) -> tuple[Config, list[str]]:
 
 
 def _is_good(comparison: Comparison) -> bool:
+    """Tell whether the replay agrees with the log within TOLERANCE."""
     return comparison.identical or comparison.largest <= TOLERANCE
 
 
 def _as_json(logic: Comparison, vision: VisionReplayed | str) -> dict[str, Any]:
+    """Return the object that `--json` prints; vision: as a text, why it was not replayed."""
     seen = None
     if isinstance(vision, VisionReplayed):
         seen = _comparison(vision.comparison, "frames") | {
@@ -88,6 +94,7 @@ def _comparison(comparison: Comparison, what: str) -> dict[str, Any]:
 
 
 def _finite(x: float) -> float | None:
+    """Return a number for JSON, which cannot represent infinity or NaN: these are None."""
     return x if math.isfinite(x) else None
 
 
@@ -119,6 +126,13 @@ def _in_words(
 
 
 def _verdict(comparison: Comparison, count: int, what: str = "") -> str:
+    """Return in words how many differ, and by how much.
+
+    Args:
+        comparison: of the replay with the log.
+        count: number of things compared.
+        what: their name after a space; "": none.
+    """
     if comparison.identical:
         return f"all {count}{what} identical"
     size = f", by at most {comparison.largest:.3g}" if math.isfinite(comparison.largest) else ""
@@ -126,6 +140,7 @@ def _verdict(comparison: Comparison, count: int, what: str = "") -> str:
 
 
 def _first(comparison: Comparison) -> list[str]:
+    """Return lines on the first difference; none if there is none."""
     d = comparison.first
     if d is None:
         return []
@@ -137,5 +152,6 @@ def _first(comparison: Comparison) -> list[str]:
 
 
 def _timeline(steps: list[tuple[float, list[Command]]]) -> list[str]:
+    """Return a line for each change of phase; steps: times (s) and commands."""
     changes = phases(steps)
     return [f"    {t:7.2f} s  {c.phase.value:14}  {c.reason}" for t, c in changes] or ["    none"]

@@ -1,4 +1,4 @@
-"""`landerd run`: makes the devices that the configuration names, and drives them until stopped."""
+"""`landerd run`: the daemon; drives camera, gimbal and autopilot until it is stopped."""
 
 import argparse
 import asyncio
@@ -30,26 +30,28 @@ from landerd.web import FoxgloveServer, StatusPage
 
 log = logging.getLogger("landerd")
 
-CLOSE_S = 2.0  # at the process's end, for a disk that takes its time; it may hang for ever
+CLOSE_S = 2.0  # longest wait for the disk at the process's end: a disk may hang for ever
 
 
 class SensorNotes(Observer):
-    """Keeps what each landing has found of camera, gimbal and sight, for `landerd check`.
+    """Writes what each landing found out about camera, gimbal and vision, for `landerd check`.
 
-    In a thread: a landing may end in the air, where orders go on while the disk takes its time.
+    It is written by a thread: a landing may end in the air, and orders must go on while a slow disk
+    is waited for.
     """
 
     def __init__(self, path: Path) -> None:
+        """Path: of the file, which each landing replaces."""
         self._path = path
         self._outcome: str | None = None
-        self._writing: threading.Thread | None = None  # the newest
+        self._writing: threading.Thread | None = None  # the newest thread that writes
 
     def on_flight(self, lander: Lander) -> None:
-        """A flight begins."""
+        """Take the lander, when a flight begins."""
         self._lander = lander
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """Have it written when a landing has ended."""
+        """Start a thread that writes the file, if a landing has ended in this step."""
         outcome, self._outcome = self._outcome, self._lander.outcome
         if self._outcome is None or self._outcome == outcome:
             return
@@ -61,17 +63,18 @@ class SensorNotes(Observer):
         self._writing.start()
 
     def close(self) -> None:
-        """Wait until it is written, but not for ever."""
+        """Wait until the file is written, for at most CLOSE_S."""
         if self._writing is not None:
             self._writing.join(CLOSE_S)
 
     def _write(self, found: LastFlight, after: threading.Thread | None) -> None:
+        """Write the file, after the thread that writes the landing before has ended."""
         if after is not None:
             after.join()
         try:
             write_sensors(self._path, found)
         except OSError as e:
-            log.warning("what was found of camera and gimbal is not kept: %s", e)
+            log.warning("what was found out about camera and gimbal is not kept: %s", e)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -91,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         devices = make_devices(loaded, overlay, recorder)
     log_to_stderr()
     if overlay.exists():
-        log.info("saved parameters of %s are laid over", overlay)
+        log.info("saved parameters in %s replace those of the configuration", overlay)
     if remark := left_out(camera_model):
         log.warning("%s: %s", config.camera.calibration, remark)
     if recorder is None:
@@ -114,7 +117,8 @@ def run(args: argparse.Namespace) -> int:
             viewer.watch(daemon)
         await _run_until_signal(daemon)
 
-    # Collections then look only at what the flight makes: a whole one takes 40 ms on a PC.
+    # Objects made so far are exempt from later garbage collections: collecting them, too, takes
+    # 40 ms on a PC.
     gc.collect()
     gc.freeze()
     code = 0
@@ -145,7 +149,7 @@ async def _run_until_signal(daemon: Daemon) -> None:
 
 
 def _folder(config: Config) -> Path | None:
-    """Return where flights are recorded; None if nothing says where."""
+    """Return the folder for flight logs: log.folder, or the service's; None: there is neither."""
     state = os.environ.get("STATE_DIRECTORY")
     return config.log.folder or (Path(state) / "logs" if state else None)
 
@@ -153,7 +157,7 @@ def _folder(config: Config) -> Path | None:
 def _recorder(
     config: Config, layout: PadLayout, camera: CameraModel, folder: Path | None
 ) -> Recorder | None:
-    """Return what records the flights into a folder; None: nothing does."""
+    """Return the recorder that writes flight logs into a folder; None without a folder."""
     if folder is None:
         return None
     head = Head(config, layout, camera, wall_offset_s=time.time() - time.monotonic())

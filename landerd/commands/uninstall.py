@@ -1,4 +1,4 @@
-"""`landerd uninstall`: takes away what `landerd install` put there, but logs and configuration."""
+"""`landerd uninstall`: removes what `landerd install` installed; logs and configuration stay."""
 
 import argparse
 
@@ -12,7 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Uninstall and return 0."""
+    """Uninstall and return 0. Raises InputError if a step fails or it needs root."""
     from landerd.installation.service import CONFIGURATION, STATE, uninstall_steps
     from landerd.installation.steps import InstallError
 

@@ -296,9 +296,9 @@ def test_a_length_that_no_printer_makes_is_asked_about(
     file = str(tmp_path / "mine.yaml")
     for what, told in (
         ("whycon=982mm", ""),
-        ("whycon=1.1m", "whycon: 3 % and more off; was it printed at 100 %?"),
+        ("whycon=1.1m", "whycon: off by 3 % or more; was it printed at 100 %?"),
         ("ruler=98.2mm", ""),
-        ("ruler=94mm", "ruler: 3 % and more off; was it printed at 100 %?"),
+        ("ruler=94mm", "ruler: off by 3 % or more; was it printed at 100 %?"),
     ):
         assert main(["pad", "nested", "--measured", what, "-o", file]) == 0
         said = capsys.readouterr()
@@ -332,7 +332,7 @@ WRONG = [
     ("nested -o a.pdf --for 1.2m --seen-from 9m", "nested: not with --for"),
     ("-o a.pdf --for 1.2m --seen-from 90m", "a pad of 4.5 m, or a camera of longer focal length"),
     ("-o a.pdf --for 7m --seen-from 9m --paper sheet", "a PDF's is at most 5.08 m"),
-    ("-o taken.pdf --for 1m --seen-from 9m", "taken.yaml: is there already"),
+    ("-o taken.pdf --for 1m --seen-from 9m", "taken.yaml: exists already"),
     ("over.yaml -o a.pdf", "over.yaml: the whycon reaches over the plate's edge"),
 ]
 
