@@ -100,7 +100,7 @@ def test_help_does_not_wait_for_numpy() -> None:
                 *("sim", "--autopilot", "tcp:127.0.0.1:1", "--takeoff", "10"),
                 *("--set", "sim.faults=[{fault: gust, at: {time_s: 1}}]"),
             ],
-            "sim.faults: gust is not to be had with --autopilot",
+            "sim.faults: gust cannot be simulated with --autopilot",
         ),
         (
             [
@@ -250,7 +250,7 @@ def test_a_configuration_that_is_not_here_is_looked_for_among_landerds_own(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     told, *faults = wrong_input(capsys, "sim", "-c", "thesis-gains.yaml", "--set", "a=1")
-    assert told.startswith("thesis-gains.yaml: not here, landerd's own is taken: ")
+    assert told.startswith("thesis-gains.yaml: not found here, landerd's own is used: ")
     assert [fault for fault in faults if "unknown key" not in fault] == []
 
 

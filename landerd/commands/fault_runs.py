@@ -1,4 +1,4 @@
-"""What `landerd campaign` knows of faults: which a seed has, and the least that still fails."""
+"""Simulated faults in campaigns: those of a seed, and the smallest that make a flight fail."""
 
 import shlex
 from collections.abc import Callable, Sequence
@@ -12,18 +12,33 @@ from landerd.campaigns.pool import Run
 from landerd.campaigns.shrink import shrunk
 
 PILOT = "sim.pilot=obeys"
-SHRUNK_SEEDS, SHRUNK_FLIGHTS = 3, 12  # so many failing seeds, with so many flights each
+# Number of failed flights whose faults are reduced, and largest number of simulated flights that
+# this takes for each.
+SHRUNK_SEEDS, SHRUNK_FLIGHTS = 3, 12
+# Faults are not reduced below this duration, s, and this severity.
 _LEAST_S, _LEAST_SEVERITY = 0.2, 0.05
 
 
 def settings_of(seed: int, faults: Sequence[FaultOptions] | None = None) -> tuple[str, ...]:
-    """Return what `--set` takes for a seed's flight with its own faults, or with these."""
+    """Return the settings (KEY=VALUE) for a flight with faults.
+
+    Args:
+        seed: of the flight; it draws the faults.
+        faults: instead of those drawn; None: those drawn.
+    """
     drawn = draw_faults(seed) if faults is None else list(faults)
     return (PILOT, as_setting(drawn))
 
 
 def command(row: Row, seed: int, faults: Sequence[FaultOptions], overrides: Sequence[str]) -> str:
-    """Return the command line that flies a flight again."""
+    """Return the command line that repeats a flight with faults.
+
+    Args:
+        row: of the campaign.
+        seed: of the flight.
+        faults: of the flight.
+        overrides: KEY=VALUE, of the campaign's command line.
+    """
     settings = (*row.settings, *overrides, *settings_of(seed, faults))
     sets = " ".join(f"--set {shlex.quote(each)}" for each in settings)
     return f"landerd sim {row.scenario} --seed {seed} {sets}"
@@ -32,13 +47,16 @@ def command(row: Row, seed: int, faults: Sequence[FaultOptions], overrides: Sequ
 def shrink(
     row: Row, run: Run, fly: Callable[[Sequence[FaultOptions]], Run], overrides: Sequence[str]
 ) -> dict[str, Any]:
-    """Return the least that still fails as a flight did, and the command that flies it.
+    """Reduce the faults of a failed flight to the smallest that still make it fail likewise.
 
     Args:
-        row: of the flight.
-        run: that failed.
-        fly: flies it again with other faults.
-        overrides: of the campaign.
+        row: of the campaign.
+        run: the failed flight.
+        fly: repeats the flight with other faults.
+        overrides: KEY=VALUE, of the campaign's command line.
+
+    Returns:
+        Row and seed of the flight, its failures, and the command that flies the smallest faults.
     """
     kinds = set(failures(run))
 
@@ -55,6 +73,7 @@ def shrink(
 
 
 def _lesser(fault: FaultOptions) -> list[FaultOptions]:
+    """Return lesser variants of a fault: half as long, and half as severe."""
     lesser = []
     if fault.lasts_s and fault.lasts_s > 2.0 * _LEAST_S:
         lesser.append(fault.model_copy(update={"for_s": round(0.5 * fault.lasts_s, 2)}))

@@ -1,4 +1,4 @@
-"""Flies many simulated landings for commands: one task, all tasks, and their progress."""
+"""Flies many simulated landings, for the commands campaign and tune, and shows the progress."""
 
 import argparse
 import contextlib
@@ -27,24 +27,24 @@ from landerd.drivers import read_configuration
 
 
 def add_flying(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments on where flights are flown and kept: --jobs, --scheduler, --keep."""
+    """Add the arguments on where flights run and are kept: --jobs, --scheduler, --keep."""
     parser.add_argument(
         "--jobs",
         type=whole_number(1),
         default=len(os.sched_getaffinity(0)),
         metavar="N",
-        help="processes; without: one for every core",
+        help="number of processes; without: one for every core",
     )
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="fly on the Dask cluster of this scheduler instead, as tcp://10.0.0.1:8786",
+        help="fly on the Dask cluster with this scheduler instead, as tcp://10.0.0.1:8786",
     )
     parser.add_argument(
         "--keep",
         type=Path,
         metavar="FILE",
-        help="write every run down as it ends; runs that FILE holds are not flown again",
+        help="write every run into FILE as it ends; runs that FILE has already are not repeated",
     )
 
 
@@ -57,14 +57,22 @@ def executor(args: argparse.Namespace) -> Executor:
 
 @dataclass(frozen=True)
 class SimulatedLanding:
-    """Flies one landing; `landerd.campaigns` calls it."""
+    """A function that flies one landing of a campaign; `landerd.campaigns` calls it.
+
+    It is sent to other processes and computers.
+    """
 
     campaign: Campaign
-    config: Path | None  # None: the packaged default, wherever landerd is installed
-    overrides: tuple[str, ...]
+    config: Path | None  # None: the default of the landerd that runs it, wherever that is installed
+    overrides: tuple[str, ...]  # KEY=VALUE, of --set
 
     def __call__(self, name: str, seed: int) -> dict[str, Any]:
-        """Fly a row with a seed."""
+        """Fly a row with a seed, and return the result.
+
+        Args:
+            name: of the row.
+            seed: of the simulated flight.
+        """
         logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
         row = self.campaign.row(name)
         try:
@@ -73,18 +81,31 @@ class SimulatedLanding:
             gc.collect()  # flights are large and contain reference cycles
 
     def load(self, row: Row, seed: int = 1) -> Loaded:
-        """Return the configuration of a row as a seed draws it. Raises ConfigError."""
+        """Return the configuration of a row for a seed, which draws its faults and random values.
+
+        Raises:
+            ConfigError: the configuration cannot be used.
+        """
         return self.load_with(row, seed, settings_of(seed) if row.faults else ())
 
     def load_with(self, row: Row, seed: int, settings: Sequence[str]) -> Loaded:
-        """Return the same with further settings. Raises ConfigError."""
+        """Return the configuration of a row for a seed, with settings instead of drawn faults.
+
+        Args:
+            row: of the campaign.
+            seed: of the values drawn from distributions.
+            settings: KEY=VALUE; they replace those of the row and of the command line.
+
+        Raises:
+            ConfigError: the configuration cannot be used.
+        """
         overlays = [config_files("scenarios")[row.scenario]]
         overrides = (*row.settings, *self.overrides, *settings)
         path = self.config or default_config()
         return read_configuration(path, overlays=overlays, overrides=overrides, seed=seed)
 
     def fly_with(self, row: Row, seed: int, faults: Sequence[FaultOptions]) -> Run:
-        """Fly a seed with these faults instead of its own."""
+        """Fly a row with a seed, with these faults instead of those that the seed draws."""
         from landerd.simulation.flight import simulate
 
         loaded = self.load_with(row, seed, settings_of(seed, faults))
@@ -96,7 +117,14 @@ class SimulatedLanding:
 
 
 def reach(campaign: Campaign, row: Row, loaded: Loaded, seed: int) -> dict[str, Any]:
-    """Simulate the goal of a row and return the result."""
+    """Simulate what a row is about (a landing, a part of one, or poses), and return the result.
+
+    Args:
+        campaign: with the longest flight time.
+        row: of the campaign, with the goal.
+        loaded: configuration of the row.
+        seed: of the simulation.
+    """
     match row.goal:
         case "landing":
             from landerd.simulation.flight import simulate
@@ -132,14 +160,21 @@ def fly_all(
     journal: Journal | None,
     runs: list[Run],
 ) -> None:
-    """Fly all tasks; keep each run as it ends, also in the journal, and show the progress.
+    """Fly all tasks, and show the progress.
+
+    Args:
+        landing: flies one task.
+        tasks: rows and seeds.
+        fly: runs the tasks on processes or on a cluster.
+        journal: every run is written into it as it ends; None: there is none.
+        runs: every run is appended as it ends.
 
     Raises:
         InputError: the cluster cannot be used.
     """
     if not tasks:
         return
-    # Runs are what is spread over the cores; the children take this over.
+    # One thread per process, as every core has a process; the processes inherit this.
     os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
     progress = _Progress(len(tasks))
     try:
@@ -154,8 +189,10 @@ def fly_all(
 
 
 class _Progress:
-    """Says on stderr how far the campaign is: a line for every failure and, on a terminal, one
-    that changes, elsewhere one whenever another tenth is flown.
+    """Shows the progress on standard error.
+
+    It prints a line for every failure. On a terminal another line is updated with every run;
+    elsewhere a line is printed after every tenth of the runs.
     """
 
     def __init__(self, total: int) -> None:
@@ -165,7 +202,7 @@ class _Progress:
         self._terminal = sys.stderr.isatty()
 
     def show(self, ended: Run) -> None:
-        """Count a run."""
+        """Count a run that has ended, and print the progress."""
         self._done += 1
         why = _why(ended)
         if why is not None:
@@ -184,7 +221,7 @@ class _Progress:
         return self._total - self._done
 
     def clear(self) -> None:
-        """Remove the line from the terminal."""
+        """Remove the progress line from the terminal."""
         if self._terminal:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 

@@ -1,4 +1,4 @@
-"""What the commands share: how input is refused, choosing a configuration, writing files."""
+"""What the commands share: reporting wrong input, reading a configuration, writing files."""
 
 import argparse
 import contextlib
@@ -14,15 +14,15 @@ from landerd.files import as_bytes, write_whole
 if TYPE_CHECKING:
     from landerd.config.files import Loaded
 
-_SERVICE = Path("/etc/landerd")  # where the unit has its configurations
-_STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
+_SERVICE = Path("/etc/landerd")  # folder of the services' configurations
+_STATE = Path("/var/lib")  # in it systemd makes a folder for each service, with its name
 
 
 class InputError(Exception):
-    """The input is wrong; the text is what the user reads. The way to exit code 2.
+    """The input is wrong: the command prints this error's text and exits with code 2.
 
     Attributes:
-        is_told: the user has read it already.
+        is_told: the user has been told already; the text is not printed.
     """
 
     def __init__(self, text: str, *, is_told: bool = False) -> None:
@@ -32,7 +32,7 @@ class InputError(Exception):
 
 @contextlib.contextmanager
 def refusing(*errors: type[Exception]) -> Iterator[None]:
-    """Make an InputError of these: what they say of the input is meant for the user."""
+    """Convert errors of these types within the block to InputError, with the same text."""
     try:
         yield
     except BrokenPipeError:
@@ -42,22 +42,25 @@ def refusing(*errors: type[Exception]) -> Iterator[None]:
 
 
 async def ask(question: str) -> None:
-    """Show a person what is to be done, and wait until it is.
+    """Print an instruction, and wait until the user presses Enter.
+
+    Args:
+        question: the instruction.
 
     Raises:
-        InputError: nobody can answer.
+        InputError: standard input has ended.
     """
     from landerd.worker import in_thread
 
     print(question)
     try:
-        await in_thread(lambda: input("Press Enter when it is so. "), "prompt")
+        await in_thread(lambda: input("Press Enter when it is done. "), "prompt")
     except EOFError:
         raise InputError("nobody can press Enter: standard input has ended") from None
 
 
 def tell(line: str) -> None:
-    """Say something that is no result: to stderr."""
+    """Print a line that is not part of the result, to standard error."""
     print(line, file=sys.stderr)
 
 
@@ -65,7 +68,7 @@ def tell(line: str) -> None:
 
 
 def add_set(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add --set, of which `what` says what it does."""
+    """Add --set; `what`: its help text."""
     parser.add_argument(
         "--set",
         action="append",
@@ -76,7 +79,7 @@ def add_set(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def add_config(parser: argparse.ArgumentParser, *, required: bool = False) -> None:
-    """Add what chooses a configuration: -c and --set."""
+    """Add the arguments that choose a configuration: -c and --set."""
     parser.add_argument(
         "-c",
         "--config",
@@ -89,39 +92,42 @@ def add_config(parser: argparse.ArgumentParser, *, required: bool = False) -> No
 
 
 def add_vehicle(parser: argparse.ArgumentParser) -> None:
-    """Add what chooses a vehicle's configuration: -c, which must be given, --set and --overlay."""
+    """Add the arguments that choose a vehicle's configuration: -c (required), --set, --overlay."""
     add_config(parser, required=True)
     parser.add_argument(
         "--overlay",
         type=Path,
         metavar="FILE",
-        help="laid over the configuration if it exists, and where parameters that a ground station "
-        "saves are written; without it: /var/lib/NAME/saved.yaml of a service's configuration, "
+        help="file of the parameters that a ground station saves; laid over the configuration if "
+        "it exists; without: /var/lib/NAME/saved.yaml for a service's configuration, "
         "/etc/landerd/NAME.yaml, and NAME.saved.yaml beside any other",
     )
 
 
 def config_path(args: argparse.Namespace) -> Path:
-    """Return the file of `add_config`'s arguments; landerd's own where there is none here."""
+    """Return the file that -c names, or landerd's own of that name if it does not exist.
+
+    Without -c, the default configuration.
+    """
     from landerd.config.files import default_config, own_or
 
     path: Path = args.config or default_config()
     found = own_or(path)
     if found != path:
-        tell(f"{path}: not here, landerd's own is taken: {found}")
+        tell(f"{path}: not found here, landerd's own is used: {found}")
     return found
 
 
 def load_config(args: argparse.Namespace, overlays: Sequence[Path] = (), seed: int = 0) -> "Loaded":
-    """Read the configuration of `add_config`'s arguments, and tell what was changed in it.
+    """Read the configuration that -c and --set choose, and print remarks on it.
 
     Args:
-        args: of the command line.
+        args: of `add_config`.
         overlays: files laid over it.
-        seed: of what the simulated world draws.
+        seed: of the values drawn from distributions.
 
     Raises:
-        InputError: it cannot be used.
+        InputError: the configuration cannot be used.
     """
     from landerd.config.files import ConfigError
     from landerd.drivers import read_configuration
@@ -138,39 +144,49 @@ def load_config(args: argparse.Namespace, overlays: Sequence[Path] = (), seed: i
 def load_with_saved(args: argparse.Namespace) -> tuple["Loaded", Path]:
     """Read the configuration with the parameters that a ground station has saved.
 
+    Args:
+        args: of `add_vehicle`.
+
     Returns:
-        The configuration, and where parameters are saved.
+        The configuration, and the file into which parameters are saved; it need not exist.
 
     Raises:
-        InputError: it cannot be used.
+        InputError: the configuration cannot be used.
     """
     overlay: Path = args.overlay or saved_file(args.config)
     return load_config(args, [overlay] if overlay.exists() else []), overlay
 
 
 def saved_file(config: Path) -> Path:
-    """Return where saved parameters are kept, unless --overlay says so: as the unit has it."""
+    """Return the file of saved parameters that belongs to a configuration, without --overlay.
+
+    For a service's configuration it is the file that the service itself uses.
+    """
     if config.absolute().parent == _SERVICE and config.stem.startswith("landerd"):
         return service_folder(config) / "saved.yaml"
-    # A folder, as "" is, has no suffix; that it is no configuration is told where it is read.
+    # Not with_name, which fails for "": that this is no configuration is reported when it is read.
     return config.parent / f"{config.stem}.saved.yaml"
 
 
 def service_folder(config: Path) -> Path:
-    """Return where the service that reads a configuration, /etc/landerd/NAME.yaml, keeps things."""
+    """Return the state folder of the service that reads /etc/landerd/NAME.yaml.
+
+    Args:
+        config: the configuration; for another file the folder is that of the service landerd.
+    """
     return _STATE / (config.stem if config.stem.startswith("landerd") else "landerd")
 
 
 def check_faults(loaded: "Loaded", *, in_sitl: bool = False, takes_off: bool = True) -> None:
-    """Refuse faults of devices that do not fly.
+    """Raise InputError if a simulated fault needs a device that is not simulated.
 
     Args:
-        loaded: has the faults.
-        in_sitl: a real autopilot flies.
-        takes_off: the simulated pilot flies it.
+        loaded: configuration with the faults.
+        in_sitl: whether a real autopilot flies, in SITL.
+        takes_off: whether the simulated pilot takes off with it.
 
     Raises:
-        InputError: there are some.
+        InputError: a fault cannot be simulated.
     """
     from hw.sim.fault_options import FAULTS
     from landerd.devices import sim_options
@@ -181,16 +197,17 @@ def check_faults(loaded: "Loaded", *, in_sitl: bool = False, takes_off: bool = T
     driver = loaded.config.gimbal.driver
     for fault in faults:
         if in_sitl and not FAULTS[fault].in_sitl:
-            raise InputError(f"sim.faults: {fault} is not to be had with --autopilot")
+            raise InputError(f"sim.faults: {fault} cannot be simulated with --autopilot")
         if FAULTS[fault].device == "gimbal" and driver != "sim":
             raise InputError(f"sim.faults: {fault} needs gimbal.driver sim, found {driver}")
 
 
 def check_stand_in_flies(loaded: "Loaded") -> None:
-    """Refuse a configuration that stand-ins cannot fly.
+    """Raise InputError if the simulated autopilot and pilot cannot fly a configuration.
 
     Raises:
-        InputError: the autopilot itself is to land, or the pilot to hold with no switch for it.
+        InputError: the autopilot's own precision landing is chosen; or the pilot is to ask for
+            hold, but his switch has no position for it.
     """
     from landerd.devices import sim_options
 
@@ -203,12 +220,16 @@ def check_stand_in_flies(loaded: "Loaded") -> None:
     if loaded.config.guidance.output == "landing_target":
         raise InputError(
             "guidance.output: landing_target needs ArduPilot's own precision landing, which the "
-            "simulated autopilot has not; fly an ArduCopter in SITL (landerd sim --autopilot URL)"
+            "simulated autopilot does not have; fly an ArduCopter in SITL (landerd sim --autopilot "
+            "URL)"
         )
 
 
 def pad_path(name: str) -> Path:
-    """Return a pad's file: the one of this name, or else landerd's own, as nested.
+    """Return the path of a pad file, or of landerd's own pad of this name.
+
+    Args:
+        name: path, or name as "nested".
 
     Raises:
         InputError: there is neither.
@@ -229,25 +250,25 @@ def pad_path(name: str) -> Path:
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add --json."""
+    """Add --json, which prints the result as JSON."""
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
 
 
 def print_json(data: dict[str, Any]) -> None:
-    """Print one JSON object on a line; what is no number in it is an error."""
+    """Print a JSON object on one line. Raises ValueError if it contains NaN or infinity."""
     print(json.dumps(data, allow_nan=False))
 
 
 def check_output(path: Path | None, suffix: str, flag: str = "") -> None:
-    """Refuse a file that is to be written, if it has another suffix or its folder is not there.
+    """Raise InputError if a file has the wrong suffix or cannot be written.
 
     Args:
-        path: None: nothing is to be written.
-        suffix: as ".png".
-        flag: as "--picture", for what is said.
+        path: file to be written; None: nothing is written.
+        suffix: that the file must have, as ".png".
+        flag: argument that names the file, as "--picture", for the error message; "": none.
 
     Raises:
-        InputError: it cannot be written there.
+        InputError: the suffix is wrong, the folder does not exist, or the file cannot be written.
     """
     if path is None:
         return
@@ -258,10 +279,13 @@ def check_output(path: Path | None, suffix: str, flag: str = "") -> None:
 
 
 def check_folder(path: Path | None) -> None:
-    """Refuse an -o that cannot be written, before the work is done; None: there is none.
+    """Raise InputError if the file of -o cannot be written; called before the work is done.
+
+    Args:
+        path: the file; None: nothing is written.
 
     Raises:
-        InputError: its folder is not there, or it cannot be written there.
+        InputError: its folder does not exist, or it cannot be written.
     """
     if path is None:
         return
@@ -271,10 +295,15 @@ def check_folder(path: Path | None) -> None:
 
 
 def check_not_read(path: Path | None, read: Path | None, flag: str = "-o") -> None:
-    """Refuse a file that is to be written, if it is one that is read.
+    """Raise InputError if the file to be written is one that is read, and would be lost.
+
+    Args:
+        path: file to be written; None: nothing is written.
+        read: file that is read; None: nothing is read.
+        flag: argument that names the file to be written, for the error message.
 
     Raises:
-        InputError: what it holds would be lost.
+        InputError: both are the same file.
     """
     if path is None or read is None or not (path.exists() and read.exists()):
         return
@@ -283,7 +312,14 @@ def check_not_read(path: Path | None, read: Path | None, flag: str = "-o") -> No
 
 
 def _try_to_write(path: Path, where: str) -> None:
-    """Open a file for writing, and leave all as it was: what `access` says is not always so."""
+    """Raise InputError if a file cannot be opened for writing; the file is left as it was.
+
+    os.access is not enough: it is not always right.
+
+    Args:
+        path: of the file.
+        where: begins the error message.
+    """
     try:
         is_new = not path.exists()
         path.open("ab").close()
@@ -294,16 +330,20 @@ def _try_to_write(path: Path, where: str) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole, or leave the one that was there.
+    """Write a text into a file, completely or not at all.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written; its old contents are kept.
     """
     write_bytes(path, as_bytes(text))
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Do the same with bytes."""
+    """Write bytes into a file, completely or not at all.
+
+    Raises:
+        InputError: the file cannot be written; its old contents are kept.
+    """
     try:
         write_whole(path, data)
     except OSError as e:
@@ -314,7 +354,7 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def number(text: str) -> float:
-    """Return a command line's number; NaN: it is none."""
+    """Return the number in a text; NaN if it is no number."""
     try:
         return float(text)
     except ValueError:
@@ -322,7 +362,12 @@ def number(text: str) -> float:
 
 
 def metres(least: float, most: float) -> Callable[[str], float]:
-    """Return the `type` of an argument that is a length within these limits, m."""
+    """Return the `type` of an argument that is a length, m.
+
+    Args:
+        least: smallest length that is allowed, m.
+        most: largest length that is allowed, m.
+    """
 
     def parse(text: str) -> float:
         length = number(text)
@@ -336,7 +381,7 @@ def metres(least: float, most: float) -> Callable[[str], float]:
 
 
 def whole_number(least: int) -> Callable[[str], int]:
-    """Return the `type` of an argument that is a whole number, and no less than this."""
+    """Return the `type` of an argument that is a whole number; least: the smallest allowed."""
 
     def parse(text: str) -> int:
         if not (text.isascii() and text.isdecimal() and int(text) >= least):
@@ -348,21 +393,23 @@ def whole_number(least: int) -> Callable[[str], int]:
     return parse
 
 
-# ---- on the bench ------------------------------------------------------------------------------
+# ---- vehicle on a bench ------------------------------------------------------------------------
 
 
 def add_bench(parser: argparse.ArgumentParser, output: str, what: str) -> None:
-    """Add what the commands for a vehicle on a bench share.
+    """Add the arguments that the commands for a vehicle on a bench share.
+
+    These are --without-autopilot, -o, --json and those of `add_vehicle`.
 
     Args:
         parser: gets the arguments.
-        output: what -o is shown with, as FILE.csv.
-        what: what -o writes there.
+        output: placeholder for the file of -o in the help, as FILE.csv.
+        what: what -o writes, for the help.
     """
     parser.add_argument(
         "--without-autopilot",
         action="store_true",
-        help="on a bench: nobody is asked whether the vehicle is disarmed, and it stands level",
+        help="no autopilot is connected: the vehicle is taken to be disarmed and level",
     )
     parser.add_argument("-o", "--output", type=Path, metavar=output, help=what)
     add_json(parser)
@@ -370,11 +417,11 @@ def add_bench(parser: argparse.ArgumentParser, output: str, what: str) -> None:
 
 
 def check_bench(args: argparse.Namespace, loaded: "Loaded") -> None:
-    """Refuse arguments of `add_bench` that do not fit the configuration.
+    """Raise InputError if arguments of `add_bench` cannot be used with the configuration.
 
     Raises:
-        InputError: -o cannot be written, or the gimbal speaks through an autopilot that is not
-            there.
+        InputError: -o cannot be written or is the configuration itself, or the gimbal is reached
+            through the autopilot, which --without-autopilot leaves out.
     """
     from landerd.drivers import gimbal_speaks_over
 
@@ -382,4 +429,4 @@ def check_bench(args: argparse.Namespace, loaded: "Loaded") -> None:
     check_not_read(args.output, args.config)
     driver = loaded.config.gimbal.driver
     if args.without_autopilot and gimbal_speaks_over(driver) == "autopilot":
-        raise InputError(f"--without-autopilot: {driver} speaks through the autopilot")
+        raise InputError(f"--without-autopilot: the gimbal ({driver}) needs the autopilot's link")

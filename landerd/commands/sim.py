@@ -1,4 +1,4 @@
-"""`landerd sim`: one landing in the simulator."""
+"""`landerd sim`: flies one landing in the simulator, and prints how it went."""
 
 import argparse
 import contextlib
@@ -46,15 +46,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"{names}; without one: stationary",
     )
     parser.add_argument(
-        "--seed", type=whole_number(0), default=1, metavar="N", help="of everything random (1)"
+        "--seed", type=whole_number(0), default=1, metavar="N", help="of all random numbers (1)"
     )
     add_config(parser)
-    parser.add_argument("--realtime", action="store_true", help="no faster than a real flight")
+    parser.add_argument(
+        "--realtime", action="store_true", help="simulate no faster than a real flight"
+    )
     parser.add_argument(
         "--autopilot",
         metavar="URL",
-        help="an ArduCopter in SITL flies, reached as autopilot.url says (tcp:127.0.0.1:5760); "
-        "camera, gimbal and pad are simulated around it",
+        help="fly an ArduCopter in SITL at this address, written as autopilot.url "
+        "(tcp:127.0.0.1:5760); camera, gimbal and pad are simulated around it",
     )
     parser.add_argument(
         "--takeoff",
@@ -68,7 +70,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly it and print how it went; return 0, or 1 if it did not land or broke a rule."""
+    """Fly the landing and print how it went.
+
+    Returns:
+        0, or 1 if it did not land or broke a rule, or 2 if a file could not be written.
+
+    Raises:
+        InputError: an argument or the configuration cannot be used, or SITL fails.
+    """
     loaded = _load(args)
     logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
     shows_progress = sys.stdout.isatty() and not args.json
@@ -95,9 +104,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(args: argparse.Namespace, result: dict[str, Any]) -> None:
-    """Print how the flight went, and which files are written of it and which are not."""
+    """Print how the flight went, and the files that were written and that could not be."""
     if args.json:
-        # Of a flight that cannot be flown again it is to be known when it was, and by what.
+        # A flight in SITL cannot be repeated exactly: its date and landerd's version are recorded.
         flown = {} if args.autopilot is None else {"flown": sitting()._asdict()}
         print_json({**result, **flown})
     else:
@@ -113,7 +122,7 @@ def _print(args: argparse.Namespace, result: dict[str, Any]) -> None:
 
 
 def _load(args: argparse.Namespace) -> Loaded:
-    """Return the configuration of the scenario. Raises InputError for any argument."""
+    """Return the configuration of the scenario. Raises InputError if an argument is wrong."""
     known = config_files("scenarios")
     if args.scenario not in known:
         near = difflib.get_close_matches(args.scenario, known, n=1, cutoff=0.0)
@@ -139,7 +148,11 @@ def _load(args: argparse.Namespace) -> Loaded:
 def _viewers(
     args: argparse.Namespace, loaded: Loaded
 ) -> "tuple[StatusPage | None, FoxgloveServer | None]":
-    """Return status page and Foxglove's server, where asked for and there is time to look."""
+    """Return the status page and Foxglove's server; None: not configured, or not --realtime.
+
+    Raises:
+        InputError: the calibration or the pad file cannot be used.
+    """
     config = loaded.config
     asked = [key for key in ("listen", "foxglove") if getattr(config.web, key) is not None]
     if not asked:
@@ -162,7 +175,12 @@ def _viewers(
 
 
 def _show_on(page: "StatusPage", *, stays: bool) -> None:
-    """Show the flight's end until Ctrl-C, where somebody sits who can."""
+    """Show the end of the flight on the status page.
+
+    Args:
+        page: the status page.
+        stays: whether to wait until Ctrl-C: somebody is at the terminal.
+    """
     page.flight_is_over()
     if stays:
         tell(f"the flight's end is shown on {page.url} until Ctrl-C")
@@ -176,7 +194,12 @@ def _fly(
     progress: Callable[[str], None] | None,
     watch: "Callable[[Daemon], None]",
 ) -> dict[str, Any]:
-    # The simulator is imported when all arguments are known to be good.
+    """Fly and return the result; `progress` is called with a line on the state of the flight.
+
+    Raises:
+        InputError: the autopilot cannot be used, or the calibration or the pad file.
+    """
+    # Imported here, so that wrong arguments are reported without waiting for the simulator.
     from landerd.simulation.flight import simulate
     from landerd.simulation.sitl import AutopilotError, simulate_sitl
 
@@ -205,11 +228,12 @@ def _fly(
 
 
 def _show_progress(line: str) -> None:
+    """Replace the terminal's current line."""
     print(f"\r\x1b[K{line}", end="", flush=True)
 
 
 def _summary(result: dict[str, Any]) -> str:
-    """Say in plain words how the landing went."""
+    """Return in words how the landing went, several lines."""
 
     def say(key: str, unit: str, digits: int) -> str:
         value = result[key]
@@ -243,30 +267,40 @@ def _summary(result: dict[str, Any]) -> str:
 
 
 def _marked(result: dict[str, Any], key: str) -> list[str]:
-    """Return what was broken or found, and of each whether nobody could have kept it."""
+    """Return the rules broken or the findings, each with a remark if a fault excuses it.
+
+    Args:
+        result: of the flight.
+        key: "rules_broken" or "findings".
+    """
     excused = result["excused"]
     return [f"{each}, excused by a fault" if each in excused else each for each in result[key]]
 
 
 def _held_up(longest_s: float | None) -> list[str]:
-    """Say that a flight in real time was this computer's, too; None: it was not in real time."""
+    """Return a warning if this computer was too slow for a flight in real time.
+
+    Args:
+        longest_s: longest delay of the flight, s; None: it was not in real time.
+    """
     if not longest_s:
         return []
     return [
-        f"  this computer was too busy: it held the flight up for up to {1e3 * longest_s:.0f} ms; "
-        "rules broken and sight lost may come from that alone"
+        f"  this computer was too busy: it delayed the flight by up to {1e3 * longest_s:.0f} ms; "
+        "that alone may be why rules were broken or the pad was lost from sight"
     ]
 
 
 def _energy(hectojoules: float | None) -> str:
-    """Return it as the thesis counts it, and as batteries are."""
+    """Return the energy in words: in hJ as in the thesis, and in Wh as for batteries."""
     if hectojoules is None:
         return "energy unknown"
     return f"{hectojoules:.1f} hJ ({hectojoules / 36.0:.2f} Wh)"
 
 
 def _happened(fault: dict[str, Any]) -> str:
+    """Return a fault in words, with its begin, end and phase."""
     if fault["began"] is None:
-        return f"{fault['fault']}: it never came to it"
+        return f"{fault['fault']}: it never began"
     until = "the end" if fault["ended"] is None else f"{fault['ended']:.1f} s"
     return f"{fault['fault']} from {fault['began']:.1f} s to {until}, begun in {fault['phase']}"

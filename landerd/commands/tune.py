@@ -1,4 +1,4 @@
-"""`landerd tune`: the best gains by search in the simulator, or for a vehicle by its flights."""
+"""`landerd tune`: finds gains, by a search in the simulator or from recorded flights."""
 
 import argparse
 import contextlib
@@ -45,7 +45,7 @@ from landerd.config.files import ConfigError, Loaded, config_files, default_conf
 from landerd.config.parameters import value_of
 from landerd.drivers import read_configuration
 
-LONGEST_S = 90.0  # what is not over then has failed
+LONGEST_S = 90.0  # a simulated flight that is not over after this time has failed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="FLIGHT.mcap",
-        help="no search: fit how the vehicle answers in these logs, and propose gains for it",
+        help="no search: fit the vehicle's response to the orders in these logs, and propose gains",
     )
     parser.add_argument("-o", dest="out", type=Path, metavar="FILE.yaml", help="write the gains")
     parser.add_argument(
@@ -77,7 +77,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Search and write; return 0, or 1 if the winner does not hold on fresh seeds."""
+    """Search gains and write them.
+
+    Returns:
+        0, or 1 if no better gains were found, or they are not better on fresh seeds; with --from as
+        `tune_from`.
+
+    Raises:
+        InputError: an argument, the configuration or a file cannot be used.
+    """
     check_output(args.out, ".yaml", "-o")
     for read in (args.config, args.name and Path(args.name)):
         check_not_read(args.out, read)
@@ -91,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
     args.config = None if args.config is None else config_path(args)
     with refusing(ConfigError, JournalError, SearchError):
         tuning = load_tuning(args.name)
-        # Not laid over the rows, as a campaign's: what is tried wins.
+        # In a campaign --set replaces the rows' settings; here the values tried replace --set.
         changed: dict[str, Any] = {"settings": (*tuning.settings, *args.set)}
         if args.sets is not None:
             changed["sets"] = args.sets
@@ -105,10 +113,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _start(tuning: Tuning, args: argparse.Namespace) -> dict[str, float]:
-    """Return the values that the configuration has; both ends of every range are tried out.
+    """Return the configuration's values of the parameters, by key.
+
+    The configuration is also read with both ends of every range, so that values that it does not
+    allow are refused before the search.
 
     Raises:
-        ConfigError: the configuration cannot be used, or has no such number.
+        ConfigError: the configuration cannot be used, or a key is no number in it.
+        InputError: the simulated autopilot cannot fly it.
     """
     values = {}
     for key, (least, most) in tuning.parameters.items():
@@ -124,17 +136,23 @@ def _start(tuning: Tuning, args: argparse.Namespace) -> dict[str, float]:
 
 
 def _load(tuning: Tuning, args: argparse.Namespace, settings: Sequence[str] = ()) -> Loaded:
+    """Return the configuration with the tuning's settings and these. Raises ConfigError."""
     path = args.config or default_config()
     return read_configuration(path, overrides=(*tuning.settings, *settings), seed=1)
 
 
 def _fingerprint(tuning: Tuning, args: argparse.Namespace) -> str:
+    """Return a hash of the tuning and the configuration; it identifies the runs of --keep."""
     config = _load(tuning, args).config.model_dump_json()
     return hashlib.sha256(f"{tuning.model_dump_json()} {config}".encode()).hexdigest()
 
 
 class _Flights:
-    """Flies sets of values, none twice with the same seed."""
+    """Flies sets of values in the simulator; a run flown once is reused.
+
+    Attributes:
+        tuning: the parameters, their ranges, scenarios and objective.
+    """
 
     def __init__(self, tuning: Tuning, args: argparse.Namespace, journal: Journal | None) -> None:
         self.tuning = tuning
@@ -142,14 +160,20 @@ class _Flights:
         self._runs: dict[Task, Run] = dict(journal.runs) if journal else {}
 
     def costs(self, places: Sequence[Place], seeds: Sequence[int]) -> list[Cost]:
-        """Return what each place costs."""
+        """Return the cost of each place, from the runs with all these seeds.
+
+        Args:
+            places: sets of values, each parameter as a number from 0 to 1 within its range.
+            seeds: of the simulated flights.
+        """
         sets = [self.tuning.at(place) for place in places]
         return [cost_of(runs, self.tuning.objective) for runs in self.fly(sets, seeds)]
 
     def fly(self, sets: Sequence[Values], seeds: Iterable[int]) -> list[list[Run]]:
-        """Return the runs of each set of values, in the order of scenarios and seeds."""
+        """Return the runs of each set of values, ordered by scenario and then by seed."""
         by_set = [self.tuning.rows(values) for values in sets]
-        rows = {row.name: row for rows in by_set for row in rows}  # places may round to the same
+        # Several sets may have the same row, as values are rounded.
+        rows = {row.name: row for rows in by_set for row in rows}
         campaign = Campaign(rows=tuple(rows.values()), longest_s=LONGEST_S)
         landing = SimulatedLanding(campaign, self._args.config, ())
         tasks = [(name, seed) for seed in seeds for name in rows]
@@ -164,6 +188,7 @@ class _Flights:
 
 
 def _search(args: argparse.Namespace, flights: _Flights, start: Values) -> int:
+    """Search the best values, check them on fresh seeds, and report; return the exit code."""
     tuning = flights.tuning
     seeds = range(1, tuning.seeds + 1)
     place = tuple(tuning.place(start))
@@ -197,6 +222,7 @@ def _search(args: argparse.Namespace, flights: _Flights, start: Values) -> int:
 
 
 def _best(generations: Sequence[Sequence[Tried]]) -> Tried:
+    """Return the set of the lowest cost, of those flown with all seeds."""
     return min((t for tried in generations for t in tried if t.whole), key=lambda t: t.cost)
 
 
@@ -206,6 +232,14 @@ def _tell_and_write(
     generations: Sequence[Sequence[Tried]],
     found: dict[str, Any],
 ) -> int:
+    """Print the result, write the files asked for, and return the exit code.
+
+    Args:
+        args: of the command line.
+        tuning: the parameters, their ranges, scenarios and objective.
+        generations: all sets that were tried.
+        found: the result, as `--json` prints it.
+    """
     fresh = found["fresh"]
     values = found["winner"]["values"]
     lines = [
@@ -239,7 +273,7 @@ def _tell_and_write(
 
 
 def _finite(found: dict[str, Any]) -> dict[str, Any]:
-    """Return the same; where nothing landed there is no mean, and JSON knows no infinity."""
+    """Return the result for JSON: a mean that is infinite, as nothing landed, becomes None."""
     for which in ("start", "winner"):
         cost = found[which]["cost"]
         cost["mean"] = cost["mean"] if cost["mean"] < float("inf") else None

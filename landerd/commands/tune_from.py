@@ -1,4 +1,4 @@
-"""`landerd tune --from`: a vehicle's answer to orders, out of its flights, and gains for it."""
+"""`landerd tune --from`: fits a vehicle's response to orders from flight logs; proposes gains."""
 
 import argparse
 from dataclasses import asdict
@@ -9,11 +9,20 @@ from landerd.campaigns.tuning import DIGITS, overlay, settings_of
 from landerd.commands.shared import print_json, refusing, tell, write_text
 from landerd.flightlog.reader import LogError, read_log
 
-POOR_FIT_MPS = 0.3  # more left unexplained than wind and the log's noise leave
+# Residual of the velocity (RMS) above which the fit is not to be trusted: wind and the log's noise
+# alone leave less.
+POOR_FIT_MPS = 0.3
 
 
 def tune_from(args: argparse.Namespace) -> int:
-    """Fit, print and write; return 0, or 1 if the model does not explain the flights."""
+    """Fit the response, print it and write the gains.
+
+    Returns:
+        0, or 1 if the fitted model does not explain the flights.
+
+    Raises:
+        InputError: a log cannot be used, or -o cannot be written.
+    """
     flights = []
     with refusing(LogError, ResponseError, SearchError):
         for path in args.flights:
@@ -40,10 +49,10 @@ def tune_from(args: argparse.Namespace) -> int:
 
 
 def _proposed(found: Fit) -> dict[str, float]:
-    """Return what guidance is to be told of the vehicle; its gains follow from these.
+    """Return the keys for guidance, with values; guidance derives its gains from them.
 
-    Guidance leads by the shaper's lag and that of ArduCopter's own loops; what is later goes into
-    lead_s.
+    Guidance compensates the lag of ArduCopter's shaper and control loops. Any further delay of the
+    vehicle becomes lead_s.
     """
     response = found.response
     later = response.delay_s + response.lag_s - REFERENCE.lag_s
@@ -55,6 +64,7 @@ def _proposed(found: Fit) -> dict[str, float]:
 
 
 def _simulated(found: Fit) -> dict[str, float]:
+    """Return the keys by which the simulated vehicle responds likewise, with values."""
     response = found.response
     return {
         "sim.response.delay_s": _rounded(response.delay_s),
@@ -65,6 +75,7 @@ def _simulated(found: Fit) -> dict[str, float]:
 
 
 def _rounded(value: float) -> float:
+    """Return a value rounded to DIGITS significant digits."""
     return float(f"{value:.{DIGITS}g}")
 
 
@@ -73,8 +84,8 @@ def _in_words(found: Fit) -> list[str]:
     lines = [
         f"fitted to {found.flown_s:.0f} s of flight, {found.rms_mps:.3f} m/s left unexplained:",
         f"delay {r.delay_s:.2f} s, acceleration {r.acceleration_mps2:.2f} m/s^2, "
-        f"jerk {r.jerk_mps3:.1f} m/s^3, loops below {r.omega:.1f} rad/s ({r.lag_s:.2f} s late)",
+        f"jerk {r.jerk_mps3:.1f} m/s^3, control loops of {r.omega:.1f} rad/s (lag {r.lag_s:.2f} s)",
     ]
     if not found.limits_reached:
-        lines.append("flown gently: acceleration and jerk may be more, these explain the flights")
+        lines.append("flown gently: acceleration and jerk may be higher than these")
     return lines

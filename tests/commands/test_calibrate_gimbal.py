@@ -129,7 +129,7 @@ def test_the_keys_are_written_as_the_configuration_has_them(
     ("lines", "arguments", "says"),
     [
         ([], [], "only flown by landerd sim"),
-        (["gimbal: {driver: mavlink}"], ["--without-autopilot"], "speaks through the autopilot"),
+        (["gimbal: {driver: mavlink}"], ["--without-autopilot"], "needs the autopilot's link"),
         (["gimbal: {driver: siyi}"], ["--yes", "--places", "2"], "not with --yes"),
         (["gimbal: {driver: siyi}"], ["-o", "/nowhere/found.yaml"], "folder does not exist"),
     ],
