@@ -1,11 +1,12 @@
-"""How old the picture is that the V4L2 driver hands over while vision is busy in a thread.
+"""Measures the age of pictures from the V4L2 driver while vision is busy in a thread.
 
-A model of the kernel's queue is filled at 30 and 100 pictures a second; the age counts from when
-the picture was filled. Half a second of pause once: after it OpenCV's capture gives
-pictures of that age.
+A model of the kernel's queue is filled with 30 or 100 pictures per second; the age is counted from
+the time at which a picture was filled. Once there is a pause of half a second, after which OpenCV's
+capture would return pictures of that age.
 
-Never older than a period and 5 ms means: never handed over more than 5 ms after a newer one was
-there. That is printed too, since on a busy machine the model itself fills its pictures late.
+A picture must not be older than a period plus 5 ms, that is, not be delivered more than 5 ms after
+a newer one was filled. That delay is printed as well, as on a busy machine the model itself fills
+pictures late.
 """
 
 import asyncio
@@ -20,13 +21,19 @@ from tests.hw.cameras.fake_v4l2 import FakeCamera
 
 
 async def ages(fps: float, search_s: float, count: int) -> tuple[list[float], list[float]]:
-    """Return of so many pictures the age on delivery and how long a newer one was there, s."""
+    """Return ages on delivery, s, and how long a newer picture had been there, s, for each picture.
+
+    Args:
+        fps: rate at which pictures are filled.
+        search_s: time for which vision is busy with each.
+        count: number of pictures.
+    """
     logging.disable(logging.WARNING)
     source = FakeCamera([Mode("YUYV", 640, 480, fps)])
     driver = V4l2Camera(options=V4l2Options(fps=fps), node=source.open)
     await driver.open()
     stop = threading.Event()
-    filled: list[float] = []  # when, by number
+    filled: list[float] = []  # time at which each picture was filled, by its number
 
     def shoot() -> None:
         due = time.monotonic()
@@ -55,7 +62,7 @@ async def ages(fps: float, search_s: float, count: int) -> tuple[list[float], li
 
 
 def main() -> None:
-    """Print a line for each rate."""
+    """Print a line for each rate and duration of searches."""
     for fps, search_s in ((30.0, 0.02), (30.0, 0.05), (100.0, 0.025)):
         got, outdated = asyncio.run(ages(fps, search_s, 100))
         median, worst, after = statistics.median(got), max(got), got[len(got) // 2 + 1]

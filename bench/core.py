@@ -1,10 +1,10 @@
 """CPU time of the core per picture (after vision) and per control step, in simulated flights.
 
-Once as it flies, with vision in between, whose data push the core's out of the caches; and once
-again from the same messages alone, each the quickest of several times, which other programs on the
-machine do not disturb. Times are the process's own. The last column is in units of a fixed piece
-of plain Python measured in the same run: it compares machines. Exits 1 where even the quickest is
-above what is asked.
+It is measured twice: in flight, with vision in between, whose data push the core's out of the
+caches; and again with the same messages alone, as the least of several runs, which other programs
+on the machine do not disturb. Times are the process's CPU time. The last column is in units of a
+fixed piece of plain Python that is measured in the same run, so that machines can be compared.
+Exits with code 1 if even the mean of the least times is above the limit.
 """
 
 import sys
@@ -24,17 +24,18 @@ from landerd.pad import load_pad
 from landerd.runtime.clock import run_virtual
 from landerd.simulation.flight import Simulation
 
-MOST_US = {"Sightings": 300.0, "Tick": 100.0}  # a picture, with its prior; a control step
+# Limits of the mean times of a picture, with its prior, and of a control step.
+MOST_US = {"Sightings": 300.0, "Tick": 100.0}
 NAMES = {"Sightings": "picture", "Tick": "control step"}
 SCENARIOS = ("stationary", "moving-5")
 SEED = 1
-TIMES = 5
+TIMES = 5  # number of runs with the same messages
 
-Call = Input | float  # a message, or the time that a prior is asked for
+Call = Input | float  # a message, or the time for which a prior is requested
 
 
 def calls(core: Lander, call: Call) -> Any:
-    """Give the core a message, or ask it for a prior."""
+    """Give the core a message, or request a prior from it; return the result."""
     return core.prior(call) if isinstance(call, float) else core.step(call)
 
 
@@ -46,7 +47,7 @@ def timed_us(core: Lander, call: Call) -> float:
 
 
 def fly(loaded: Loaded) -> tuple[list[Call], list[float]]:
-    """Fly one landing; return what the core was asked, and what each cost, us."""
+    """Fly one landing; return the calls of the core, and the CPU time of each, us."""
     asked: list[Call] = []
     us: list[float] = []
 
@@ -69,7 +70,7 @@ def fly(loaded: Loaded) -> tuple[list[Call], list[float]]:
 
 
 def fly_again(loaded: Loaded, asked: list[Call]) -> list[float]:
-    """Give a new core the same calls several times; return the least that each cost, us."""
+    """Give new cores the same calls, several times; return the least CPU time of each, us."""
     least = [float("inf")] * len(asked)
     for _ in range(TIMES):
         core = Lander(loaded.config, load_pad(loaded.config.pad.layout))
@@ -78,7 +79,7 @@ def fly_again(loaded: Loaded, asked: list[Call]) -> list[float]:
 
 
 def by_kind(asked: list[Call], us: list[float]) -> dict[str, list[float]]:
-    """Return the costs by kind of message; a picture's prior belongs to the picture."""
+    """Return the CPU times, us, by kind of message; that of a picture includes its prior."""
     costs: dict[str, list[float]] = {}
     prior_us = 0.0
     for call, cost in zip(asked, us, strict=True):
@@ -93,7 +94,7 @@ def by_kind(asked: list[Call], us: list[float]) -> dict[str, list[float]]:
 
 
 def unit_us() -> float:
-    """Return the CPU time of multiplying two 3x3 matrices, us: the core does little else."""
+    """Return the CPU time of a product of two 3x3 matrices, us, which the core mostly computes."""
     a = rot_zyx(0.1, 0.2, 0.3)
     times = []
     for _ in range(200):
@@ -105,7 +106,7 @@ def unit_us() -> float:
 
 
 def main() -> int:
-    """Print the figures."""
+    """Print the table; return the exit code."""
     unit = unit_us()
     print(f"unit: a product of two 3x3 matrices, {unit:.2f} us")
     print(

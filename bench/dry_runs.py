@@ -2,10 +2,10 @@
 
     python -m bench.dry_runs FOLDER... [--sample 60] [--seed 1] [--verbose]
 
-Each .bin and .tlog of the folders is played once, in a process of its own, with few drawn
-pictures. It runs, or is refused in one line that says what it lacks; a Python traceback, more than
-one line, or nothing said is a defect, and the exit code then is 1. Below the table: what is
-remarked of those that ran, figures left out.
+Each .bin and .tlog file in the folders is played once, in a process of its own, with few drawn
+pictures. It must either run, or be refused with one line that says what it lacks. A Python
+traceback, more than one line, or no line at all is a defect, and the exit code is then 1. Below the
+table stand the remarks on logs that ran, without their figures.
 """
 
 import argparse
@@ -18,13 +18,13 @@ import time
 from collections import Counter
 from pathlib import Path
 
-LONGEST_S = 300.0
-PICTURES_HZ = 4.0  # fewer are too old for a set-point to follow them
-REFUSED = 2  # exit code
+LONGEST_S = 300.0  # longest time for a log
+PICTURES_HZ = 4.0  # with fewer, pictures would be too old for set-points to follow them
+REFUSED = 2  # exit code of `landerd dry-run` for a log that it refuses
 
 
 def outcome(log: Path) -> tuple[str, str, list[str]]:
-    """Play a log; return what kind of end it came to, what is said of it, and remarks."""
+    """Play a log; return the kind of outcome (defects in capitals), its text, and remarks."""
     command = [sys.executable, "-m", "landerd", "dry-run", "--telemetry", str(log)]
     try:
         done = subprocess.run(
@@ -51,13 +51,13 @@ def outcome(log: Path) -> tuple[str, str, list[str]]:
 
 
 def kind(said: str) -> str:
-    """Return a line without its figures, so that equal ones are counted together."""
+    """Return a line with figures and directions replaced, so that similar lines are equal."""
     sides = re.sub(r"\b(north|south|east|west|above|below)\b", "there", said)
     return re.sub(r"[\d.]+", "N", sides)
 
 
 def main() -> None:
-    """Print a line a log, where asked for, and the table."""
+    """Print the table and, if asked for, a line for each log; exit with 1 after a defect."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
     parser.add_argument("--sample", type=int, metavar="N", help="so many of them (all)")

@@ -1,8 +1,8 @@
 """Cost of recording: the control task's period, CPU and MB per minute for each image mode.
 
-A scripted flight steps the core at its real rates on the wall's clock, with 30 pictures a second
-of the simulated camera at the recorder's door; vision does not run. The periods mean something on
-a machine that does nothing else; the control task's share of a core does so on any.
+A scripted flight steps the core at its real rates in real time, and the recorder gets 30 simulated
+pictures per second; vision does not run. The periods are meaningful only on an otherwise idle
+machine; the control task's share of a core, on any machine.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ from landerd.messages import Command, Frame, Input, Prior, Sightings
 from landerd.pad import load_pad
 from tests.scripted_flight import Flight
 
-SECONDS = 10.0
+SECONDS = 10.0  # duration of the flight
 FPS = 30.0
 MODES = {
     "not recorded": None,
@@ -40,7 +40,7 @@ MODES = {
 
 
 def pictures() -> list[np.ndarray]:
-    """Draw what the camera sees from 6 m: grass, pad, noise."""
+    """Return ten pictures of the pad on grass from a height of 6 m."""
     loaded = read_configuration(config_dir() / "default.yaml")
     layout = load_pad(loaded.config.pad.layout)
     camera = load_camera(loaded.config.camera.calibration)
@@ -58,13 +58,13 @@ def pictures() -> list[np.ndarray]:
 
 
 class Recorded(Flight):
-    """Passes on what the daemon would."""
+    """A flight that passes to a recorder what the daemon would."""
 
     recorder: Recorder | None = None
-    images: list[np.ndarray] = []  # noqa: RUF012 - the bench's own
+    images: list[np.ndarray] = []  # noqa: RUF012 - set for each flight
 
     def give(self, message: Input) -> list[Command]:
-        """Step the core and tell the recorder."""
+        """Step the core with a message, and record both."""
         if isinstance(message, Sightings) and self.recorder is not None and message.seq % 4 != 0:
             image = self.images[message.seq % len(self.images)]
             self.recorder.on_frame(Frame(message.t, message.seq, image), Prior(), message)
@@ -75,7 +75,7 @@ class Recorded(Flight):
 
 
 async def fly(flight: Recorded) -> list[float]:
-    """Tick at 40 Hz; return the periods, s."""
+    """Tick at 40 Hz; return the times between ticks, s."""
     loop = asyncio.get_running_loop()
     due = last = loop.time()
     periods: list[float] = []

@@ -1,7 +1,8 @@
-"""Measures the CPU time of the MAVLink link, and feeds it damaged bytes.
+"""Measures the CPU time of the MAVLink driver, and feeds it damaged bytes.
 
-Run as `python -m bench.link`; exits 1 where damaged bytes raise or pile up. The share of a core is
-mostly the cost of waking up, so it depends on what else the machine does; at most 5 % is wanted.
+Run as `python -m bench.link`; it exits with code 1 if damaged bytes accumulate in memory, and with
+an exception if they raise one. The share of a core is mostly the cost of waking up, so that it
+depends on what else the machine does; it should be at most 5 %.
 """
 
 import asyncio
@@ -25,14 +26,14 @@ from landerd.config.parameters import ParameterSet
 from landerd.messages import Setpoint
 from landerd.ports import DeviceLost
 
-RATE_HZ = 250
-DURATION_S = 8.0
+RATE_HZ = 250  # messages from the autopilot per second
+DURATION_S = 8.0  # of the measurement over UDP
 SETPOINT_HZ = 40
-FUZZ_BYTES = 10_000_000
+FUZZ_BYTES = 10_000_000  # number of damaged bytes
 
 
 def telemetry(boot_ms: int) -> list[Message]:
-    """Return what an autopilot sends in a tenth of RATE_HZ's second: 25 messages."""
+    """Return the 25 messages that an autopilot sends in 0.1 s, from a time since boot on."""
     messages: list[Message] = []
     for i in range(10):
         t = boot_ms + 10 * i
@@ -46,7 +47,7 @@ def telemetry(boot_ms: int) -> list[Message]:
 
 
 def codec_cost() -> tuple[float, float]:
-    """Return CPU time to pack and to parse one message of the mix, s."""
+    """Return the CPU times to pack and to parse one message, s, on average."""
     packer, parser = MavlinkCodec(1, 1), MavlinkCodec(1, 191)
     count, packed, parsed = 0, 0.0, 0.0
     for i in range(400):
@@ -63,7 +64,10 @@ def codec_cost() -> tuple[float, float]:
 
 
 async def driver_load(port: int) -> tuple[int, float]:
-    """Return messages got over UDP, and the share of a core taken with set-points going out."""
+    """Return the number of messages received over UDP, and the share of a core that was used.
+
+    Set-points are sent meanwhile.
+    """
     driver = MavlinkAutopilot(open_link(f"udpin:127.0.0.1:{port}"))
     await driver.open()
     await driver.receive()
@@ -88,7 +92,7 @@ async def driver_load(port: int) -> tuple[int, float]:
 
 
 def send(port: int) -> None:
-    """Be the autopilot: send RATE_HZ messages a second, one datagram each."""
+    """Act as the autopilot: send RATE_HZ messages per second, each in a datagram."""
     codec = MavlinkCodec(1, 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         start = time.monotonic()
@@ -100,22 +104,28 @@ def send(port: int) -> None:
 
 
 class Stream:
-    """A ByteLink that gives damaged bytes in pieces as a serial port does, FUZZ_BYTES in all."""
+    """A ByteLink that yields FUZZ_BYTES damaged bytes, in pieces like those of a serial port.
+
+    Attributes:
+        settled_kb: largest resident memory of the process after the first tenth of the bytes.
+    """
 
     def __init__(self) -> None:
+        """Make the undamaged bytes."""
         rng = self._rng = random.Random(1)
         autopilot, ground = MavlinkCodec(1, 1), MavlinkCodec(255, 190)
         sound = [autopilot.encode(m) for i in range(40) for m in telemetry(100 * i)]
         sound += [ground.encode(mavlink.MAVLink_param_request_list_message(1, 191))] * 20
-        for _ in range(2000):  # sound frames of every kind, with any content
+        for _ in range(2000):  # valid frames of every kind, with random content
             codec, kind = rng.choice((autopilot, ground)), rng.choice(list(mavlink.mavlink_map))
             sound.append(_any_content(codec, kind, rng))
         rng.shuffle(sound)
         self._sound = b"".join(sound)
         self._pieces: Iterator[bytes] = self._damaged()
-        self.settled_kb = 0  # resident after the first tenth
+        self.settled_kb = 0
 
     def _damaged(self) -> Iterator[bytes]:
+        """Yield pieces of 200 bytes: frames with single bytes changed, and random bytes."""
         done, rng = 0, self._rng
         while done < FUZZ_BYTES:
             stream = bytearray(self._sound)
@@ -146,6 +156,7 @@ class Stream:
 
 
 def _any_content(codec: MavlinkCodec, kind: int, rng: random.Random) -> bytes:
+    """Return a valid frame of a kind of message with random content."""
     message = mavlink.MAVLink_message(kind, mavlink.mavlink_map[kind].msgname)
     layout = mavlink.mavlink_map[kind]
     body = rng.randbytes(layout.unpacker.size)
@@ -154,7 +165,12 @@ def _any_content(codec: MavlinkCodec, kind: int, rng: random.Random) -> bytes:
 
 
 async def fuzz() -> tuple[float, int, int, Counter[str]]:
-    """Return seconds for FUZZ_BYTES through the driver, messages got, kB grown, counters."""
+    """Feed the driver FUZZ_BYTES damaged bytes.
+
+    Returns:
+        CPU time, s; number of messages received; growth of memory after the first tenth, kB; the
+        driver's counters.
+    """
     stream = Stream()
     driver = MavlinkAutopilot(stream, parameters=ParameterSet(Config()))
     got, start = 0, time.process_time()
@@ -168,11 +184,12 @@ async def fuzz() -> tuple[float, int, int, Counter[str]]:
 
 
 def _resident_kb() -> int:
+    """Return the largest resident memory of this process so far, kB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def main() -> int:
-    """Print all figures."""
+    """Print all figures; return the exit code."""
     packed, parsed = codec_cost()
     print(
         f"codec: packed {1e6 * packed:.1f} us, parsed {1e6 * parsed:.1f} us a message: "

@@ -1,11 +1,12 @@
-"""Pads printed by `landerd pad`, put together by their marks, photographed and measured again.
+"""Prints pads by `landerd pad`, joins the sheets by their marks, and measures photographs of them.
 
     python -m bench.pad_print                 # every layout of config/pads on every paper, 300 dpi
     python -m bench.pad_print --dpi 100
 
-Per layout and paper: sheets; pixels in which the pad that was put together differs from the one
-sheet, beside its edges; and per marker by how much its size, as `landerd detect` measures it in
-photographs, is off on average and in the worst photograph.
+Nothing is printed on paper: pages are rasterised, and photographs rendered. For each layout and
+paper there are the number of sheets; the number of pixels in which the joined pad differs from that
+on a single sheet, except at edges; and for each marker the error of its size, as `landerd detect`
+measures it in photographs, on average and in the worst one.
 """
 
 import argparse
@@ -31,7 +32,7 @@ SHEET_MARGIN_MM = 20.0
 
 
 def printed(pad: Path, paper: str, dpi: float, folder: Path) -> tuple[int, Print]:
-    """Print a pad, put it together; return the number of sheets and the pad."""
+    """Print a pad and join its sheets; return the number of sheets and the joined pad."""
     file = folder / "pad.pdf"
     (result,) = said_by("pad", str(pad), "-o", str(file), "--paper", paper, "--json")
     layout = load_pad(pad)
@@ -44,7 +45,7 @@ def printed(pad: Path, paper: str, dpi: float, folder: Path) -> tuple[int, Print
 
 
 def said_by(*arguments: str) -> list[Any]:
-    """Run landerd and return the JSON objects it prints."""
+    """Run landerd with some arguments and return the JSON objects that it prints."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
         assert landerd(arguments) == 0
@@ -52,7 +53,15 @@ def said_by(*arguments: str) -> list[Any]:
 
 
 def errors(pad: Path, on_paper: Print, marker: Marker, views: int, folder: Path) -> list[float]:
-    """Return by how much a marker's size is measured wrong in photographs, as a share."""
+    """Return the relative errors of a marker's size, as measured in photographs.
+
+    Args:
+        pad: the pad's file.
+        on_paper: the joined pad.
+        marker: of the pad.
+        views: number of photographs.
+        folder: for the photographs.
+    """
     rng = np.random.default_rng(1)
     truth = {}
     for i in range(views):
@@ -79,7 +88,10 @@ def errors(pad: Path, on_paper: Print, marker: Marker, views: int, folder: Path)
 
 
 def one(pad: Path, paper: str, dpi: float, views: int, whole: Print | None) -> Print:
-    """Print the lines of a layout on a paper; return the pad."""
+    """Print the lines of a pad on a paper; return the joined pad.
+
+    `whole` is the pad on a single sheet, with which it is compared; None: it is that sheet.
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         sheets, on_paper = printed(pad, paper, dpi, folder)

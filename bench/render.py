@@ -1,8 +1,9 @@
-"""CPU time of one simulated picture against range: of the reference world, and of others.
+"""CPU time of one simulated picture by range: of the reference world, and of others relative to it.
 
-All draw the same views in turn, so that the ratios hold on a busy machine too. The real sensor has
-everything that `sim.camera` can switch on, the scene what `sim.render` and `sim.pad` can, `both`
-all; days are what the first seeds draw of the field world. The last table has each effect alone.
+All worlds draw the same views in turn, so that the ratios hold on a busy machine as well. `real
+sensor` has all effects of `sim.camera`, `scene` all of `sim.render` and `sim.pad`, `both` has all
+of them. Days are the worlds that the first seeds draw of the field scenario. The last table shows
+each effect alone.
 """
 
 import math
@@ -28,8 +29,8 @@ from landerd.geometry import IDENTITY, R_GIMBAL_CAMERA, matmul, rot_zyx
 from landerd.pad import load_pad
 
 CONFIG = Path(__file__).parent.parent / "config"
-REPEATS = 60
-DAYS = 12
+REPEATS = 60  # pictures of each view, of which the fastest counts
+DAYS = 12  # number of days of the field scenario
 RANGES_M = (30.0, 18.0, 10.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.3)
 PITCHES_DEG = (-30.0, -85.0)
 EFFECTS: dict[str, dict[str, Any]] = {
@@ -43,7 +44,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "sharpening": {"sharpening": 1.0},
     "JPEG": {"jpeg_quality": 85},
 }
-# Of the scene: what is under sim.render, and under sim.pad.
+# Effects of the scene: keys of sim.render, and of sim.pad.
 SCENE: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "ground": ({"ground": "meadow"}, {}),
     "look-alikes": ({"look_alikes": 6}, {}),
@@ -58,7 +59,7 @@ PAD = PadPose((0.0, 0.0, 0.0), IDENTITY)
 
 
 class World:
-    """A renderer of one world, and what it would be handed by the camera."""
+    """A renderer of one world, and what the camera would give to it."""
 
     def __init__(
         self,
@@ -66,6 +67,13 @@ class World:
         render: Mapping[str, Any] | RenderOptions | None = None,
         pad: Mapping[str, Any] | None = None,
     ) -> None:
+        """Make the renderer.
+
+        Args:
+            sensor: options of `sim.camera`.
+            render: options of `sim.render`; None: the defaults.
+            pad: options of `sim.pad`; None: the defaults, at the origin.
+        """
         layout = load_pad(CONFIG / "pads/thesis.yaml")
         camera = load_camera(CONFIG / "cameras/thesis.yaml")
         self.options = SimCameraOptions.model_validate(sensor)
@@ -106,7 +114,7 @@ class View:
     """A vehicle that passes the pad."""
 
     def __init__(self, range_m: float, pitch_deg: float, motion_px: float) -> None:
-        """Take the slant range, where the camera looks, and the motion during an exposure."""
+        """Take the slant range, the pitch of the camera, and the image's path in an exposure."""
         pitch = math.radians(pitch_deg)
         self.lens = (range_m * -math.cos(pitch), 0.0, range_m * math.sin(pitch))
         self.R = matmul(rot_zyx(0.0, pitch, 0.0), R_GIMBAL_CAMERA)
@@ -116,30 +124,30 @@ class View:
         self.vehicle = VehiclePose(body, IDENTITY, (0.44, 0.26), 0.20)
 
     def pose(self, t: float) -> CameraPose:
-        """Return the camera's pose at t, s."""
+        """Return the camera's pose at a time t, s, from the middle of the exposure."""
         north, east, down = self.lens
         return CameraPose((north, east + self.speed * t, down), self.R)
 
 
 def least(worlds: list[World], view: View) -> list[float]:
-    """Return the least time of each world, in turn, ms."""
+    """Return the least time of each world for a view, ms; the worlds draw it in turn."""
     times = [[w.time(i, view) for w in worlds] for i in range(REPEATS)]
     return [min(of_one) for of_one in zip(*times, strict=True)]
 
 
 def day(seed: int) -> World:
-    """Return what a seed draws of the field world."""
+    """Return the world that a seed draws of the field scenario."""
     overlays = [CONFIG / "scenarios/field.yaml"]
     loaded = read_configuration(CONFIG / "default.yaml", overlays=overlays, seed=seed)
     options = sim_options(loaded)
     pad = options.pad.model_dump() | {"position_m": (0.0, 0.0)}
-    # All pictures with the same motion blur: how long it is exposed is no effect's cost.
+    # The exposure time is that of the reference, so that motion blur costs the same.
     camera = options.camera.model_copy(update={"exposure_s": SimCameraOptions().exposure_s})
     return World(camera, options.render, pad)
 
 
 def print_days(reference: World) -> None:
-    """Print the field world's time against the reference's, over the ranges at one pitch."""
+    """Print the times of days relative to the reference, over all ranges at one pitch."""
     worlds = [reference, *(day(seed) for seed in range(1, DAYS + 1))]
     rows = [least(worlds, View(range_m, -60.0, 2.0)) for range_m in RANGES_M[1:]]
     of_reference, *of_days = (sum(times) for times in zip(*rows, strict=True))
@@ -148,7 +156,7 @@ def print_days(reference: World) -> None:
 
 
 def together(effects: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """Return one block with all effects."""
+    """Return the options of several effects together."""
     block: dict[str, Any] = {}
     for options in effects:
         block |= options
@@ -156,15 +164,15 @@ def together(effects: Iterable[dict[str, Any]]) -> dict[str, Any]:
 
 
 def ratios(times: list[float]) -> str:
-    """Return all but the first of four times against that."""
+    """Return the text of the last three of four times, each over the first."""
     sensor, scene, field = (t / times[0] for t in times[1:])
     return f"{sensor:16.2f}{scene:8.2f}{field:8.2f}"
 
 
 def main() -> None:
-    """Print milliseconds a frame at several ranges."""
+    """Print the tables."""
     cv2.setNumThreads(1)
-    World({})  # what is slow but once
+    World({})  # the first world is slower than others
     reference = World({})
     sensor = together(EFFECTS.values())
     render, pad = (together(scene[i] for scene in SCENE.values()) for i in (0, 1))
