@@ -1,10 +1,11 @@
-"""Grey levels, edge widths and noise of photographs beside those of the field world's pictures.
+"""Compares grey levels, edge widths and noise of photographs to those of simulated pictures.
 
     python -m bench.render_photos FOLDER... [--pictures 60] [--sheet FILE.png]
 
-One column a folder of photographs, the last one the field world (seeds 1 to N, the pad in view from
-2 to 15 m). All pictures are made 640 pixels wide first, so that edges compare. That averages the
-noise of larger ones away: `noise, own pixels` is without it.
+There is a column for each folder of photographs, and a last one for the field scenario (seeds 1 to
+N, the pad in view from 2 to 15 m). All pictures are first resized to a width of 640 pixels, so that
+edges can be compared. As that reduces the noise of larger ones, `noise, own pixels` is measured
+before.
 """
 
 import argparse
@@ -32,29 +33,30 @@ from landerd.pad import load_pad
 U8 = NDArray[np.uint8]
 F64 = NDArray[np.float64]
 
-WIDTH = 640
+WIDTH = 640  # px, of all pictures
 ENDINGS = {".jpg", ".jpeg", ".png", ".bmp", ".pnm"}
 GREY_PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
+# Bins of grey levels in which noise is measured.
 BINS = ((0, 32), (32, 64), (64, 96), (96, 128), (128, 160), (160, 192), (192, 240))
-BLOCK = 8  # pixels along a block's side
-FLATTEST = 0.05  # quantile of a level's blocks, by noise: texture only adds
-BLOCKS = 200  # of a level that a picture needs for it
-FLAT_SHARE = (
-    0.87  # that quantile of a sample's deviation against the true one, 61 degrees of freedom
-)
-STEP = 40.0  # grey levels an edge has at least
-REACH = 8.0  # pixels to either side
-PER_PIXEL = 4  # samples along a profile
-EDGES = 400  # of a picture that are looked at
+BLOCK = 8  # side of a block of pixels, px
+FLATTEST = 0.05  # quantile of the blocks' deviations that is the noise: texture only adds to it
+BLOCKS = 200  # least number of a picture's blocks in a bin
+# That quantile of a sample's standard deviation over the true one, with 61 degrees of freedom.
+FLAT_SHARE = 0.87
+STEP = 40.0  # least contrast of an edge, grey levels
+REACH = 8.0  # length of a profile to either side of an edge, px
+PER_PIXEL = 4  # samples of a profile per pixel
+EDGES = 400  # number of edge pixels of a picture that are measured
 
 
 # ---- what is measured ----------------------------------------------------------------------------
 
 
 def noise_of_levels(image: U8) -> list[float]:
-    """Return the noise (grey levels) by bin of level, NaN where a picture has too few blocks.
+    """Return the noise of each bin of grey levels, grey levels; NaN: there are too few blocks.
 
-    A block's noise is what a plane leaves; that of the flattest blocks is the sensor's.
+    The noise of a block is its deviation from a fitted plane; that of the flattest blocks is the
+    sensor's.
     """
     h, w = (n // BLOCK * BLOCK for n in image.shape)
     blocks = image[:h, :w].reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK).swapaxes(1, 2)
@@ -73,7 +75,7 @@ def noise_of_levels(image: U8) -> list[float]:
 
 
 def edge_widths(image: U8) -> list[float]:
-    """Return the widths (pixels, 10 to 90 %) of edges between two even levels."""
+    """Return the widths of edges between two even grey levels, from 10 to 90 %, px."""
     soft = cv2.GaussianBlur(image, (0, 0), 1.0)
     gx, gy = (cv2.Sobel(soft, cv2.CV_32F, *way, ksize=3) / 8.0 for way in ((1, 0), (0, 1)))
     steep = np.hypot(gx, gy)
@@ -91,7 +93,7 @@ def edge_widths(image: U8) -> list[float]:
 
 
 def _profile(image: U8, x: float, y: float, way: F64) -> F64:
-    """Return grey levels across an edge, the mean of three pixels along it."""
+    """Return grey levels along `way`, a unit vector across an edge, as the mean of three lines."""
     t = np.arange(-REACH, REACH + 0.01, 1 / PER_PIXEL)[None, :]
     aside = np.array([-1.0, 0.0, 1.0])[:, None]
     at_x = (x + t * way[0] - aside * way[1]).astype(np.float32)
@@ -101,9 +103,9 @@ def _profile(image: U8, x: float, y: float, way: F64) -> F64:
 
 
 def _width(profile: F64) -> float | None:
-    """Return how far it is from 10 to 90 % of a step; None: it is none between even levels."""
-    third = len(profile) // 4
-    low, high = profile[:third], profile[-third:]
+    """Return the width of an edge from 10 to 90 %, px; None: it is not between even levels."""
+    quarter = len(profile) // 4
+    low, high = profile[:quarter], profile[-quarter:]
     step = high.mean() - low.mean()
     if step < STEP or max(np.ptp(low), np.ptp(high)) > 0.25 * step:
         return None
@@ -114,7 +116,7 @@ def _width(profile: F64) -> float | None:
 
 
 def _crossing(share: F64, level: float) -> float:
-    """Return where a profile last comes up to a level before the first place above 90 %."""
+    """Return the index at which a profile last rises through a level before it reaches 90 %."""
     above = int(np.argmax(share >= 0.9))
     below = np.nonzero(share[: above + 1] < level)[0]
     if not len(below) or below[-1] + 1 >= len(share):
@@ -124,10 +126,10 @@ def _crossing(share: F64, level: float) -> float:
 
 
 class Figures:
-    """What is known of the pictures of one column."""
+    """What was measured in the pictures of one column."""
 
     def __init__(self, name: str, pictures: Iterator[U8]) -> None:
-        """Measure all pictures."""
+        """Measure all pictures; the name is the column's."""
         self.name = name
         self.count = 0
         self.shown: list[U8] = []
@@ -146,7 +148,7 @@ class Figures:
             )
             self._grey.append(np.percentile(small, GREY_PERCENTILES))
             self._clipped.append((float((small <= 2).mean()), float((small >= 253).mean())))
-            # One picture's many edges are no more than that of the others.
+            # Quantiles give each picture the same weight, however many edges it has.
             widths = edge_widths(small)
             if len(widths) >= 5:
                 self._widths += np.quantile(widths, (0.1, 0.3, 0.5, 0.7, 0.9)).tolist()
@@ -154,7 +156,7 @@ class Figures:
             self.shown.append(small)
 
     def rows(self) -> Iterator[tuple[str, str]]:
-        """Yield what is measured and the figures: median, and 10 to 90 % of the pictures."""
+        """Yield names of quantities and their figures: the median, and 10 to 90 % of pictures."""
         yield "pictures", str(self.count)
         for i, percentile in enumerate(GREY_PERCENTILES):
             yield f"grey, {percentile} %", _spread([g[i] for g in self._grey], 0)
@@ -168,6 +170,7 @@ class Figures:
 
 
 def _spread(values: Sequence[float], digits: int) -> str:
+    """Return the text of the median, and of the 10th and 90th percentiles."""
     if not values:
         return "-"
     low, middle, high = np.quantile(values, (0.1, 0.5, 0.9))
@@ -187,13 +190,13 @@ def photographs(folder: Path) -> Iterator[U8]:
 
 
 def field_pictures(count: int) -> Iterator[U8]:
-    """Yield a picture of each of so many days of the field world."""
+    """Yield a picture of each of a number of days of the field scenario."""
     for seed in range(1, count + 1):
         yield field_picture(seed)
 
 
 def field_picture(seed: int) -> U8:
-    """Return a picture of a day, its exposure settled, from a place on the way to the pad."""
+    """Return a picture of a day, with settled exposure, from a random place near the pad."""
     folder = config_dir()
     overlays = [folder / "scenarios/field.yaml"]
     options = sim_options(read_configuration(folder / "default.yaml", overlays=overlays, seed=seed))
@@ -207,7 +210,7 @@ def field_picture(seed: int) -> U8:
     level = range_m * math.cos(pitch)
     place = (-level * math.cos(heading), -level * math.sin(heading), range_m * math.sin(pitch))
     pose = CameraPose(place, matmul(rot_zyx(heading, pitch, 0.0), R_GIMBAL_CAMERA))
-    ahead = 0.10  # of the vehicle's middle, as config/default.yaml has the camera
+    ahead = 0.10  # of the vehicle's centre, m: the camera's place in config/default.yaml
     body = (
         place[0] - ahead * math.cos(heading),
         place[1] - ahead * math.sin(heading),
@@ -228,7 +231,7 @@ def field_picture(seed: int) -> U8:
 
 
 def sheet(pictures: Sequence[U8], columns: int = 6) -> U8:
-    """Return pictures side by side, small."""
+    """Return one picture of all pictures, small, in rows."""
     small = [cv2.resize(p, (213, 160), interpolation=cv2.INTER_AREA) for p in pictures]
     small += [np.zeros_like(small[0])] * (-len(small) % columns)
     rows = [np.hstack(small[i : i + columns]) for i in range(0, len(small), columns)]
@@ -236,7 +239,7 @@ def sheet(pictures: Sequence[U8], columns: int = 6) -> U8:
 
 
 def main() -> None:
-    """Print one column a folder, and the field world."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
     parser.add_argument("--pictures", type=int, default=20, metavar="N", help="of the field world")

@@ -1,13 +1,14 @@
-"""What flights find of the pictures' clock and the lens's direction, against the truth.
+"""Compares a flight's estimates of the pictures' clock and the lens's direction to the truth.
 
     python -m bench.sensor_errors                       # a table of a few days of the field
     python -m bench.sensor_errors --first 401 --days 40 --set sim.sight=modelled
 
-The clock's truth is what pictures are stamped later than telemetry: the camera's own offset, less
-the delay of the EKF's output, and half of what a TIMESYNC exchange takes longer on its way there
-than back. The lens's is how much higher and farther right it looks than gimbal and calibration
-say, straight down, where a landing ends: the mounting, the error of the gimbal's pitch (bias, and
-scale over 90 degrees), and the calibration's principal point. Backlash and jitter are left out.
+The true clock offset is the time by which stamps of pictures are later than those of telemetry: the
+camera's own offset, less the delay of the EKF's output, plus half the difference of a TIMESYNC
+exchange's times to the autopilot and back. The true direction of the lens is the angle by which it
+looks higher and farther right than gimbal and calibration say, for a camera that looks straight
+down, as at the end of a landing: errors of mounting, of the gimbal's pitch (bias, and scale over 90
+degrees), and of the calibration's principal point. Backlash and jitter are left out.
 """
 
 import argparse
@@ -23,12 +24,12 @@ from landerd.estimation.pad_filter import SensorErrors
 from landerd.runtime.daemon import Daemon
 from landerd.simulation.flight import simulate
 
-LOOP_S = 0.00125  # mean, until the autopilot's main loop looks at a message
+LOOP_S = 0.00125  # mean time until the autopilot's main loop takes a message
 NAMES = ("clock ms", "up deg", "right deg")
 
 
 class Row(NamedTuple):
-    """One flight: found, sigma and truth of the clock (ms) and of the lens (degrees)."""
+    """One flight: estimate, its sigma, and truth of the clock (ms) and of the lens (degrees)."""
 
     found: tuple[float, float, float]
     sigma: tuple[float, float, float]
@@ -36,7 +37,12 @@ class Row(NamedTuple):
 
 
 def truth(world: dict[str, Any], focal_px: float) -> tuple[float, float, float]:
-    """Return the true clock (ms) and direction of the lens (degrees) of a day of the field."""
+    """Return the true clock offset, ms, and direction of the lens, up and right, degrees.
+
+    Args:
+        world: the result's `world` of a flight.
+        focal_px: focal length.
+    """
     link = "sim.link.delay_"
     there_s = world[f"{link}up_s"] + LOOP_S + world["sim.autopilot.timesync_delay_s"]
     timesync_s = 0.5 * (there_s - world[f"{link}down_s"])
@@ -51,7 +57,7 @@ def truth(world: dict[str, Any], focal_px: float) -> tuple[float, float, float]:
 
 
 def flown(seed: int, overrides: list[str]) -> tuple[Row, dict[str, Any]]:
-    """Fly a day; return its row and result."""
+    """Fly one day of the field scenario; return its row and result."""
     loaded = read_configuration(
         config_dir() / "default.yaml",
         overlays=[config_dir() / "scenarios" / "field.yaml"],

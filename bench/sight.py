@@ -1,14 +1,14 @@
-"""Modelled sight beside vision on the same flights: what is found, how truly, how honestly.
+"""Compares modelled sight to vision on the same flights: detection rate, errors, stated sigmas.
 
     python -m bench.sight --scenarios stationary wind-8 --seeds 1 2   # the table
     python -m bench.sight --scenarios field --seeds 1 2 3 4
 
-Flies with pictures. Beside each picture a second Vision gets what `sim.sight: modelled` would have
-drawn of it, with the same prior. One row per kind of marker and size in the image: in how many of
-the pictures that show it each of both found it, the median stated sigma and error of its position
-along the sight and across, how many errors lie within the stated 95 % region, and how often the
-first solution is the wrong one. The constants of `landerd/simulation/sight/statistics.py` are set
-by this.
+Flights use pictures. For each picture a second Vision gets what `sim.sight: modelled` would have
+made of it, with the same prior. There is a row for each kind of marker and size in the image: in
+what share of the pictures that show it either found it, median stated sigmas and errors of its
+position along the line of sight and across, of its tilt, the share of errors within the stated 95 %
+region, and how often the first solution is the wrong one. The constants of
+`landerd/simulation/sight/statistics.py` are set by this table.
 """
 
 import argparse
@@ -36,29 +36,33 @@ from landerd.simulation.sight.world_view import Seen, WorldView
 from landerd.vision import Vision
 from landerd.vision.arrays import Image
 
+# Lower limits of the bins of sizes.
 SIZES_PX = (0, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 30, 50, 80, 120, 200, 400, 4000)
-LONGEST_S = 40.0
-CHI2_95 = 7.815  # three degrees of freedom
+LONGEST_S = 40.0  # longest flight
+CHI2_95 = 7.815  # 95 % quantile of chi-square with three degrees of freedom
+# A normal with a larger error is that of the other solution of the planar ambiguity.
 FLIPPED = math.cos(math.radians(15.0))
 
 
 @dataclass
 class Cell:
-    """What one of both saw of one kind of marker at one size."""
+    """What vision or modelled sight saw of one kind of marker at one size."""
 
-    found: int = 0
-    inside: int = 0
-    flipped: int = 0
+    found: int = 0  # number of sightings
+    inside: int = 0  # those whose position's error is within the stated 95 % region
+    flipped: int = 0  # those with the other solution first
+    # Errors along the line of sight (absolute, and signed) and across, m, and of tilt, rad.
     along_m: list[float] = field(default_factory=list)
     signed_m: list[float] = field(default_factory=list)
     across_m: list[float] = field(default_factory=list)
     tilt: list[float] = field(default_factory=list)
+    # Stated sigmas of the same, m and rad.
     sigma_along: list[float] = field(default_factory=list)
     sigma_across: list[float] = field(default_factory=list)
     sigma_tilt: list[float] = field(default_factory=list)
 
     def add(self, marker: MarkerSighting, seen: Seen) -> None:
-        """Score one sighting."""
+        """Add one sighting of a marker, with its truth."""
         best = marker.solutions[0]
         sight = seen.pose.t / np.linalg.norm(seen.pose.t)
         error, C = np.array(best.position) - seen.pose.t, np.array(best.covariance)
@@ -76,7 +80,7 @@ class Cell:
         self.sigma_tilt.append(best.sigma_tilt)
 
     def line(self, shown: int) -> str:
-        """Return the columns."""
+        """Return the columns; `shown` is the number of pictures that show such a marker."""
 
         def middle(values: list[float], unit: float = 1e3) -> str:
             return f"{unit * float(np.median(values)):7.2f}" if values else "      -"
@@ -92,9 +96,10 @@ class Cell:
 
 
 class Beside(Observer):
-    """An observer that lets modelled sight see each picture too."""
+    """An observer that gives each picture to modelled sight as well, and compares both."""
 
     def __init__(self, simulation: Simulation, loaded: Loaded, seed: int, table: "Table") -> None:
+        """Prepare for a flight, and replace its renderer's `render`."""
         options = sim_options(loaded)
         layout, believed = simulation.layout, simulation.camera_model
         pad = printed(layout, options.pad, seed)
@@ -116,7 +121,7 @@ class Beside(Observer):
         pictures.render = both  # type: ignore[method-assign, assignment]
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """Compare."""
+        """Compare what both saw in a picture."""
         image = self._newest.get(frame.seq)
         view: View | None = None if image is None else self._numbered.view_of(image)
         if image is None or view is None:
@@ -137,7 +142,7 @@ class Beside(Observer):
 
 
 class Table:
-    """All that was compared."""
+    """All comparisons, by kind of marker and bin of size."""
 
     def __init__(self) -> None:
         self.shown: dict[tuple[str, int], int] = defaultdict(int)
@@ -151,7 +156,15 @@ class Table:
         both: list[MarkerSighting | None],
         seen: Seen,
     ) -> None:
-        """Count one marker in one picture."""
+        """Add one marker in one picture.
+
+        Args:
+            kind: of the marker.
+            size: in the image, at its narrowest, px.
+            share: of its edges in the picture; markers that are cut are counted together.
+            both: the sightings by vision and by modelled sight; None: not found.
+            seen: the truth.
+        """
         bins = SIZES_PX if share > 0.99 else ()
         name = kind if share > 0.99 else f"{kind} cut"
         key = name, sum(size >= s for s in bins)
@@ -161,7 +174,7 @@ class Table:
                 cell.add(marker, seen)
 
     def show(self) -> None:
-        """Print it, vision above modelled sight."""
+        """Print the table, with each row of vision above that of modelled sight."""
         head = "found%  s_along e_along mm s_acr e_acr s_tilt e_tilt deg  bias mm in95 flip%"
         print(f"{'':24}shown {head}")
         for key in sorted(self.shown):

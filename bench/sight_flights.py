@@ -1,9 +1,10 @@
-"""Flights with modelled sight beside the same seeds with pictures: outcomes, and processor time.
+"""Compares flights with modelled sight to those of the same seeds with pictures, and CPU times.
 
     python -m bench.sight_flights                                # the table of a few
     python -m bench.sight_flights --seeds 200 --keep pairs.jsonl # goes on where it was stopped
 
-Differences are those of pairs, modelled minus pictures, means with their 95 % intervals.
+Printed are the means with pictures, with modelled sight, and of the differences in pairs (modelled
+minus pictures), with their 95 % intervals.
 """
 
 import argparse
@@ -21,11 +22,11 @@ from landerd.simulation.flight import simulate
 
 SIGHTS = ("pictures", "modelled")
 FIGURES = ("landed", "time_s", "touchdown_error_m", "nis_ratio", "refused_percent", "aborts")
-NORMAL_95 = 1.96
+NORMAL_95 = 1.96  # half width of the 95 % interval of a normal distribution, sigmas
 
 
 def flown(scenario: str, seed: int, sight: str) -> dict[str, Any]:
-    """Fly once; return the figures and what they cost."""
+    """Fly once; return the figures, and the CPU time in `cpu_s`."""
     overlay = config_dir() / "scenarios" / f"{scenario}.yaml"
     loaded = read_configuration(
         config_dir() / "default.yaml",
@@ -41,7 +42,7 @@ def flown(scenario: str, seed: int, sight: str) -> dict[str, Any]:
 
 
 def mean(values: list[float]) -> str:
-    """Return a mean with its 95 % interval."""
+    """Return the text of a mean with its 95 % interval."""
     if not values:
         return "-"
     spread = NORMAL_95 * float(np.std(values, ddof=1)) / math.sqrt(len(values)) if values[1:] else 0
@@ -49,7 +50,13 @@ def mean(values: list[float]) -> str:
 
 
 def show(scenario: str, rows: dict[tuple[str, int, str], dict[str, Any]], seeds: range) -> None:
-    """Print the pairs of a scenario."""
+    """Print what the pairs of a scenario show.
+
+    Args:
+        scenario: its name.
+        rows: of flights, by scenario, seed and sight.
+        seeds: to be compared.
+    """
     pairs = [tuple(rows[scenario, seed, sight] for sight in SIGHTS) for seed in seeds]
     broken = [sum(bool(r["broken"]) for r in side) for side in zip(*pairs, strict=True)]
     print(f"{scenario}, {len(pairs)} pairs; rules broken in {broken[0]} and {broken[1]}")

@@ -1,7 +1,7 @@
-"""How fast a simulated landing runs, and where a frame's time goes.
+"""Measures how fast a simulated landing runs, and how its time is spent.
 
-Times are also given as multiples of OpenCV's ArUco detector on a full frame, measured in the same
-run: that makes figures of different machines comparable.
+Times are also given as multiples of that of OpenCV's ArUco detector on a full frame, measured in
+the same run, so that machines can be compared.
 """
 
 import time
@@ -18,13 +18,18 @@ from landerd.simulation.flight import Simulation
 
 
 class Stopwatch:
-    """Adds up the time spent in calls that it wraps."""
+    """Measures the times of calls of methods.
+
+    Attributes:
+        spent: times of all calls, s, by label.
+    """
 
     def __init__(self) -> None:
+        """Prepare; nothing is measured yet."""
         self.spent: dict[str, list[float]] = {}
 
     def wrap(self, owner: Any, name: str, label: str) -> None:
-        """Replace a method by one that is timed."""
+        """Replace the method `name` of an object by one that is timed under a label."""
         call: Callable[..., Any] = getattr(owner, name)
         times = self.spent.setdefault(label, [])
 

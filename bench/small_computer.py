@@ -1,21 +1,22 @@
-"""landerd held to a quarter of a core, and at full speed: what a small computer would do with it.
+"""Measures landerd limited to a quarter of a core, as on a small computer, and without limit.
 
     python -m bench.small_computer                # a quarter of one core, then without limit
     python -m bench.small_computer --shares 0.5
     python -m bench.small_computer --shares 1 --viewer    # with the status page, and one who looks
 
-A simulated vehicle lands with `landerd run` in a process of its own: MAVLink over UDP, 30 pictures
-of 640x480 a second through a socket. That process, with all its threads, may use so much of one
-core and no more (a cgroup's bandwidth, in slices of 10 ms; needs root); world and pictures are made
-outside of the limit. A Raspberry Pi 4's core is four to six times slower than one of a PC, and it
-has four of them, of which landerd uses two: a quarter of one core of a PC is the stricter.
+A simulated vehicle lands with `landerd run` in a process of its own: MAVLink over UDP, and 30
+pictures of 640x480 per second through a socket. That process, with all its threads, may use only a
+share of one core (the bandwidth of a cgroup, in periods of 10 ms; this needs root); world and
+pictures are made outside that limit. A core of a Raspberry Pi 4 is four to six times slower than
+one of a PC, but it has four, of which landerd uses two: a quarter of one core of a PC is less.
 
-Printed: pictures searched a second while the pad is not in view (`looking`); of the time between
-the first sighting and contact pictures that came and that were searched a second, from a picture's
-coming to the next set-point (p50, p99), gaps between set-points (p99, longest), and how much of a
-core landerd used. Of the whole run: from the start of the program to its first heartbeat, and the
-most memory it held (at most 3 s and 150 MB at full speed, else exit code 1). `late` is the longest
-pause of the world outside: with more than 0.05 s the computer was busy with other things.
+Printed are: the rate at which pictures are searched while the pad is not in view (`looking`);
+between the first sighting and contact, the rates of pictures that arrived and that were searched,
+the time from a picture's arrival to the next set-point (p50, p99), the gaps between set-points
+(p99, longest), and the share of a core that landerd used; and for the whole run, the time from the
+start of the program to its first heartbeat and its peak memory (at most 3 s and 150 MB without
+limit, else the exit code is 1). `late` is the longest pause of the world outside: above 0.05 s, the
+computer was busy with other things.
 """
 
 import argparse
@@ -47,8 +48,8 @@ from landerd.runtime.observer import Observer
 from landerd.simulation.flight import Simulation
 from tests.devices.outside import SocketCamera, flying
 
-SHARES = (0.25, 1.0)  # of one core; 1: no limit
-PERIOD_US = 10_000
+SHARES = (0.25, 1.0)  # shares of one core; 1: no limit
+PERIOD_US = 10_000  # of a cgroup's bandwidth
 CGROUPS = Path("/sys/fs/cgroup")
 PORT, PAGE_PORT = 14_592, 14_593
 CONFIG = f"""\
@@ -62,9 +63,9 @@ sim: {{start: {{position_m: [-0.8, 0.4], altitude_m: 10.0, spread_m: 0.0}}}}
 PAGE = f"""\
 web: {{listen: "127.0.0.1:{PAGE_PORT}"}}
 """
-LOW_US, HIGH_US = 1100, 1900
-LONGEST_S = 90.0
-MOST_START_S, MOST_MB = 3.0, 150.0
+LOW_US, HIGH_US = 1100, 1900  # pulse widths of the pilot's switch
+LONGEST_S = 90.0  # longest time for each step of a flight
+MOST_START_S, MOST_MB = 3.0, 150.0  # limits of start and memory without a limit of the core
 
 
 # ---- inside the limit --------------------------------------------------------------------------
@@ -72,24 +73,25 @@ MOST_START_S, MOST_MB = 3.0, 150.0
 
 @dataclass
 class Notes(Observer):
-    """When what was done with which picture, on the clock that all processes share; s."""
+    """What landerd did when; times are on the clock that all processes share, s."""
 
-    searched: dict[int, float] = field(default_factory=dict)  # by the picture's number
-    followed: dict[int, float] = field(default_factory=dict)  # by a set-point, what was seen in it
-    setpoints: list[float] = field(default_factory=list)
-    first_seen: float | None = None
-    used_before_s: float = 0.0  # of the processor, until then
-    _last: int | None = None
+    searched: dict[int, float] = field(default_factory=dict)  # end of a search, by picture
+    # The first set-point after a picture's sightings, by the picture's number.
+    followed: dict[int, float] = field(default_factory=dict)
+    setpoints: list[float] = field(default_factory=list)  # all set-points
+    first_seen: float | None = None  # the first sighting of the pad
+    used_before_s: float = 0.0  # CPU time until then
+    _last: int | None = None  # picture of the last sightings without a set-point yet
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """A picture was searched."""
+        """Note that a picture was searched."""
         self.searched[frame.seq] = time.monotonic()
         if sightings.pad and self.first_seen is None:
             self.first_seen = time.monotonic()
             self.used_before_s = time.process_time()
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """The core gave orders."""
+        """Note the set-points of a step."""
         if isinstance(message, Sightings):
             self._last = message.seq
         if any(isinstance(c, Setpoint) for c in commands):
@@ -100,7 +102,7 @@ class Notes(Observer):
 
 
 def inside(folder: Path) -> int:
-    """Run `landerd run`, and write down what came of its pictures."""
+    """Run `landerd run`, and write its notes to a file; return the exit code."""
     notes = Notes()
 
     class Watched(Daemon):
@@ -117,16 +119,22 @@ def inside(folder: Path) -> int:
     return code
 
 
-# ---- outside of it -----------------------------------------------------------------------------
+# ---- outside the limit -------------------------------------------------------------------------
 
 
 class NotLimitedError(Exception):
-    """A process cannot be held to a share of a core here."""
+    """A process cannot be limited to a share of a core here."""
 
 
 @contextlib.contextmanager
 def limited(share: float) -> Iterator[list[str]]:
-    """Yield what stands before a command that may use so much of one core; 1: no limit."""
+    """Yield the beginning of a command line that limits a command to a share of one core.
+
+    A share of 1 is no limit.
+
+    Raises:
+        NotLimitedError: there are no cgroups, or no rights to use them.
+    """
     if share >= 1.0:
         yield []
         return
@@ -150,16 +158,16 @@ def limited(share: float) -> Iterator[list[str]]:
 
 @dataclass
 class Outside:
-    """What is seen of landerd from outside, on the same clock."""
+    """What is observed of landerd from outside, on the same clock as `Notes`."""
 
-    came: dict[int, float] = field(default_factory=dict)  # when pictures were sent
-    first_byte: float | None = None
-    late_s: float = 0.0
-    memory_mb: float = 0.0
-    used_s: float = 0.0  # by landerd, of the processor, until contact
+    came: dict[int, float] = field(default_factory=dict)  # when pictures were sent, by number
+    first_byte: float | None = None  # of landerd on the link
+    late_s: float = 0.0  # longest pause of this process
+    memory_mb: float = 0.0  # landerd's peak memory
+    used_s: float = 0.0  # landerd's CPU time until contact
 
     def watch(self, simulation: Simulation) -> None:
-        """Note what goes to landerd's camera and what comes from it."""
+        """Note pictures on their way to landerd, and its first byte on the link."""
         newest, tap = simulation.camera.newest, simulation.link.tap
 
         async def noted() -> Frame:
@@ -176,14 +184,14 @@ class Outside:
         simulation.link.tap = heard
 
     def take_stock(self, process: Path) -> None:
-        """Note what landerd has used, by its folder in /proc."""
+        """Note the memory and CPU time of a process by its folder in /proc."""
         (line,) = [x for x in (process / "status").open() if x.startswith("VmHWM")]
         self.memory_mb = int(line.split()[1]) / 1e3
         user, system = (process / "stat").read_text(encoding="utf-8").split()[13:15]
         self.used_s = (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
     async def own_pauses(self) -> None:
-        """Measure how late this process is."""
+        """Measure how long this process pauses, until cancelled."""
         while True:
             due = time.monotonic() + 0.02
             await asyncio.sleep(0.02)
@@ -191,7 +199,7 @@ class Outside:
 
 
 def compiled(folder: Path) -> dict[str, str]:
-    """Return the environment of a program whose modules are compiled, as an installed one's are."""
+    """Return an environment in which modules are compiled already, as those of an installed one."""
     env = {**os.environ, "PYTHONPYCACHEPREFIX": str(folder / "compiled")}
     env.pop("PYTHONDONTWRITEBYTECODE", None)
     imports = "import bench.small_computer, landerd.commands.run; from landerd import drivers"
@@ -201,7 +209,7 @@ def compiled(folder: Path) -> dict[str, str]:
 
 
 async def look() -> None:
-    """Ask for what the status page shows, as often as the page itself does."""
+    """Request what the status page shows as often as the page does, until cancelled."""
     seen = 0
     while True:
         began = time.monotonic()
@@ -213,14 +221,20 @@ async def look() -> None:
 
 
 def fetched(address: str) -> bytes:
-    """Return what stands there. Raises OSError."""
+    """Return the document at an address. Raises OSError."""
     with urllib.request.urlopen(address, timeout=4.0) as answer:
         data: bytes = answer.read()
     return data
 
 
 async def landing(share: float, folder: Path, is_looked_at: bool) -> dict[str, float]:
-    """Let a vehicle land; return what was measured."""
+    """Let a vehicle land; return what was measured.
+
+    Args:
+        share: of one core, that landerd may use.
+        folder: for files of this landing.
+        is_looked_at: whether the status page is served and requested.
+    """
     (folder / "landerd.yaml").write_text(CONFIG + PAGE * is_looked_at, encoding="utf-8")
     SocketCamera.path = folder / "pictures"
     outside = Outside()
@@ -261,7 +275,7 @@ async def landing(share: float, folder: Path, is_looked_at: bool) -> dict[str, f
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Read notes; JSON has made texts of the numbers of pictures."""
+    """Return the notes in a file, with the numbers of pictures, which JSON keeps as texts."""
     data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return {
         k: {int(n): t for n, t in v.items()} if isinstance(v, dict) else v for k, v in data.items()
@@ -269,7 +283,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def figures(notes: Notes, outside: Outside, ended: float) -> dict[str, float]:
-    """Return what is printed."""
+    """Return what is printed of a landing that ended at a time, s."""
     began = notes.first_seen or ended
     length = ended - began
     came = [t for t in outside.came.values() if began < t < ended]
@@ -294,14 +308,14 @@ def figures(notes: Notes, outside: Outside, ended: float) -> dict[str, float]:
 
 
 async def until(done: Any) -> None:
-    """Wait. Raises TimeoutError."""
+    """Wait until a function returns True. Raises TimeoutError."""
     async with asyncio.timeout(LONGEST_S):
         while not done():
             await asyncio.sleep(0.02)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print a line for each share of a core."""
+    """Print a line for each share of a core; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--shares", nargs="+", type=float, default=list(SHARES))
     parser.add_argument("--viewer", action="store_true", help="one who looks at the status page")

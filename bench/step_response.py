@@ -1,6 +1,7 @@
-"""Prints the simulated vehicle's step responses beside those measured on ArduCopter 4.5.7 in SITL.
+"""Compares the simulated vehicle's step responses to those measured on ArduCopter 4.5.7 in SITL.
 
-Run as `python bench/step_response.py`; exits 1 where a value is off by more than 5 % of the step.
+Run as `python bench/step_response.py`; it exits with code 1 if a value differs by more than 5 % of
+the step.
 """
 
 import math
@@ -12,9 +13,9 @@ from hw.sim.physics.response import (
     VerticalResponse,
 )
 
-# Velocity over order at these times after the order.
+# Times after the order at which velocities are compared.
 TIMES_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.4, 2.0, 3.0)
-# axis, from, to, measured; m/s or rad/s
+# Axis; velocity before and order, m/s or rad/s; measured velocity over the step at each time.
 MEASURED: dict[str, tuple[str, float, float, tuple[float, ...]]] = {
     "forward 1 m/s": (
         "forward",
@@ -65,11 +66,17 @@ MEASURED: dict[str, tuple[str, float, float, tuple[float, ...]]] = {
         (0.962, 0.662, 0.199, -0.209, -0.464, -0.540, -0.316, 0.030, 0.128, -0.048, -0.005),
     ),
 }
-TOLERANCE = 0.05  # of the step
+TOLERANCE = 0.05  # largest difference, over the step
 
 
 def answer(axis: str, start: float, order: float) -> list[float]:
-    """Return velocity over the step at each of TIMES_S after the order."""
+    """Return the simulated velocity over the step at each of TIMES_S after an order.
+
+    Args:
+        axis: forward, down or yaw.
+        start: velocity before the order, m/s or rad/s.
+        order: the ordered velocity.
+    """
     values: list[float] = []
     step = abs(order - start)
     if axis == "forward":
