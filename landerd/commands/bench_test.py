@@ -1,4 +1,7 @@
-"""`landerd bench-test`: chapter 4 of the thesis before the first flight, on marked places."""
+"""`landerd bench-test`: measures camera and gimbal with the pad on marks on the floor.
+
+These are the thesis's experiments of chapter 4, done before the first flight.
+"""
 
 import argparse
 import asyncio
@@ -45,32 +48,36 @@ from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
 from landerd.worker import JobHangs, Worker
 
-_SEARCH_S = 5.0  # a search that takes longer counts as hung
+_SEARCH_S = 5.0  # a search of a picture that takes longer counts as hung
 _NEXT = "Lay the pad flat, its landing point on the mark {mark}, its north where the nose points."
 
 
 class _Figure(NamedTuple):
-    """One figure of a row: up to `go` it is good, above `no_go` landerd should not fly."""
+    """One measured figure of a row, with the limits that it is judged by."""
 
     name: str
-    value: float | None  # None: there is none
-    go: float
-    no_go: float
+    value: float | None  # None: it could not be measured, and is not judged
+    go: float  # up to this the verdict is "go"
+    no_go: float  # above this it is "no-go": landerd should not fly; between the limits "look"
     unit: str
 
     @property
     def verdict(self) -> str:
+        """The verdict on the figure: "go", "look" or "no-go"."""
         if self.value is None or self.value <= self.go:
             return "go"
         return "look" if self.value <= self.no_go else "no-go"  # NaN: no-go
 
 
 class _Row(NamedTuple):
-    what: str
+    """The figures of one mark, or of one turn of the gimbal there."""
+
+    what: str  # name of the mark, and of the turn
     figures: Sequence[_Figure]
 
     @property
     def verdict(self) -> str:
+        """The worst verdict of the figures."""
         verdicts = [figure.verdict for figure in self.figures]
         return next((v for v in ("no-go", "look") if v in verdicts), "go")
 
@@ -79,14 +86,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the two tests with their arguments."""
     tests = parser.add_subparsers(metavar="TEST", required=True)
     for name, what in (
-        ("pose", "how far from marked places the pad is seen"),
-        ("gimbal", "how the gimbal comes to the pad, and what is seen while it turns"),
+        ("pose", "the errors of the pad's position and heading on marked places"),
+        ("gimbal", "how the gimbal centres the pad, and the errors while it turns"),
     ):
         sub = tests.add_parser(
             name,
             help=what,
-            description=f"Say {what}. The vehicle stands level and disarmed. With camera.driver "
-            "sim all of it is simulated.",
+            description=f"Measure {what}. The vehicle stands level and disarmed. With "
+            "camera.driver sim all of it is simulated.",
             epilog=f"example: landerd bench-test {name} -c landerd.yaml --height 1.52 --mark 2,0 "
             "--mark 3,1 -o bench.csv",
         )
@@ -101,26 +108,28 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         required=True,
         metavar="AHEAD,RIGHT",
-        help="where the landing point is laid, from below the camera, m; give several",
+        help="place of the landing point on the floor, from the point below the camera, m; "
+        "give several",
     )
     parser.add_argument(
         "--height",
         type=metres(0.2, 30.0),
         required=True,
         metavar="M",
-        help="of the camera over the pad",
+        help="height of the camera above the pad",
     )
     parser.add_argument(
         "--pictures",
         type=whole_number(3),
         default=30,
         metavar="N",
-        help="at each mark (30)",
+        help="number of pictures at each mark (30)",
     )
-    add_bench(parser, "FILE.csv", "what every picture showed")
+    add_bench(parser, "FILE.csv", "write a table of what every picture showed")
 
 
 def _mark(text: str) -> tuple[float, float]:
+    """Return how far ahead and right a mark is, m; the type of --mark."""
     try:
         ahead, right = (float(part) for part in text.split(","))
     except ValueError:
@@ -131,7 +140,11 @@ def _mark(text: str) -> tuple[float, float]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Test; return 0, or 1 if landerd should not fly with it."""
+    """Do the test; return 0, or 1 if the verdict is "no-go".
+
+    Raises:
+        InputError: an argument, the configuration or a file cannot be used.
+    """
     loaded, overlay = load_with_saved(args)
     check_bench(args, loaded)
     config = loaded.config
@@ -163,21 +176,36 @@ def run(args: argparse.Namespace) -> int:
 
 _SAID = {
     "go": "go: on to the next step",
-    "look": "look: what is not go makes landings worse; docs/bench.md says what mends it",
+    "look": "look: figures marked with ! make landings worse; docs/bench.md says what mends them",
     "no-go": "no-go: do not fly with this; docs/bench.md says what mends it",
 }
 
 
 class _Bench:
-    """Makes a trial for each mark, of real or of simulated devices."""
+    """Makes a trial for each mark, with real or simulated devices.
+
+    Attributes:
+        loaded: the configuration.
+        pictures: number of pictures at each mark.
+        layout: the pad.
+        camera: the calibration at the size of the pictures.
+    """
 
     def __init__(
         self, loaded: Loaded, overlay: Path, args: argparse.Namespace, *, is_simulated: bool
     ) -> None:
-        """Read pad and calibration, and make real devices.
+        """Read the pad and the calibration, and make the devices unless they are simulated.
+
+        Args:
+            loaded: the configuration.
+            overlay: file of saved parameters.
+            args: of the command line.
+            is_simulated: whether the devices are simulated.
 
         Raises:
-            CalibrationError, PadError, SetUpError: it cannot be done.
+            CalibrationError: the calibration cannot be used.
+            PadError: the pad file cannot be used.
+            SetUpError: the devices cannot be made.
         """
         self.loaded, self.pictures = loaded, int(args.pictures)
         self.layout: PadLayout = load_pad(loaded.config.pad.layout)
@@ -189,7 +217,10 @@ class _Bench:
 
     @asynccontextmanager
     async def trial(self, mark: Mark) -> AsyncIterator[MarkTrial]:
-        """Ask for the pad to be laid on a mark, and yield the trial there."""
+        """Ask the user to lay the pad on a mark, and yield the trial there.
+
+        With simulated devices nobody is asked.
+        """
         if self._devices is not None:
             await ask(_NEXT.format(mark=_name(mark)))
             yield self._trial(self._devices)
@@ -216,6 +247,8 @@ class _Bench:
         )
 
     def _search(self, vision: Vision) -> Search:
+        """Return a function that searches a picture, on real devices in a thread."""
+
         async def search(frame: Frame, prior: Prior) -> Sightings:
             call = partial(vision.process, frame, prior)
             if self._worker is None:
@@ -242,7 +275,16 @@ _Measure = Callable[[_Bench, Mark, MarkTrial], Coroutine[Any, Any, tuple[list[_R
 async def _all(
     bench: _Bench, marks: Sequence[Mark], measure: _Measure
 ) -> tuple[list[_Row], str, list[str]]:
-    """Return the rows, the pictures as CSV, and the refusals."""
+    """Measure at all marks.
+
+    Args:
+        bench: makes the trials.
+        marks: where the pad is laid.
+        measure: returns the rows of one mark, and what its pictures showed.
+
+    Returns:
+        The rows, what the pictures showed as CSV, and a text for each mark without a result.
+    """
     rows: list[_Row] = []
     refused: list[str] = []
     file = io.StringIO()
@@ -265,6 +307,7 @@ async def _all(
 
 
 def _cells(mark: Mark, seen: Seen) -> list[str]:
+    """Return a row of the CSV file; cells without a value are empty."""
     values: list[float | None] = [seen.t, *(seen.place or (None, None, None))]
     values += [_degrees(seen.heading), _degrees(seen.off_middle), seen.sigma_m]
     texts = ["" if v is None or math.isnan(v) else f"{v:.4f}" for v in values]
@@ -276,10 +319,11 @@ def _degrees(angle: float | None) -> float | None:
 
 
 async def _pose_rows(bench: _Bench, mark: Mark, trial: MarkTrial) -> tuple[list[_Row], list[Seen]]:
-    """Return the rows on how far from a mark the pad is seen.
+    """Measure the errors of the pad's pose on one mark; return their row and the pictures.
 
-    Directions are held against what the pad filter assumes of the gimbal, headings against what a
-    landing leaves to what sight does not see.
+    The limits of the direction's error are from the error of the gimbal that the pad filter
+    assumes. Those of the heading's error are from the part of the allowed heading error that is
+    left for errors of gimbal and mounting.
     """
     seen = await trial.at_rest(bench.pictures)
     found = pose_errors(mark, seen)
@@ -306,10 +350,16 @@ async def _pose_rows(bench: _Bench, mark: Mark, trial: MarkTrial) -> tuple[list[
 async def _gimbal_rows(
     bench: _Bench, mark: Mark, trial: MarkTrial
 ) -> tuple[list[_Row], list[Seen]]:
-    """Return the rows on how the gimbal turns to a pad on a mark, one for each swing."""
+    """Measure how the gimbal turns to the pad on one mark; return the rows and the pictures.
+
+    The gimbal is turned aside several times and let turn back to the pad; each time is a row.
+
+    Raises:
+        Refused: the gimbal cannot be turned aside there.
+    """
     rest, swings = await trial.swings(bench.pictures)
     if not swings:
-        raise Refused("the gimbal cannot be turned aside there: limits, or a pad too large")
+        raise Refused("the gimbal cannot be turned aside: its limits, or a pad too large in view")
     gimbal_deg = max(0.5, bench.loaded.config.estimation.gimbal_sigma_deg)
     rows, seen = [], list(rest)
     for swing in swings:
@@ -328,7 +378,7 @@ async def _gimbal_rows(
     return rows, seen
 
 
-# ---- what is said ------------------------------------------------------------------------------
+# ---- output ------------------------------------------------------------------------------------
 
 
 def _name(mark: Mark) -> str:
@@ -336,6 +386,7 @@ def _name(mark: Mark) -> str:
 
 
 def _table(rows: Sequence[_Row]) -> list[str]:
+    """Return the lines of a table of the rows, with the limits below."""
     if not rows:
         return []
     names = [f"{figure.name} {figure.unit}" for figure in rows[0].figures]
@@ -353,6 +404,7 @@ def _shown(figure: _Figure) -> str:
 
 
 def _as_json(verdict: str, rows: Sequence[_Row], refused: Sequence[str]) -> dict[str, Any]:
+    """Return the object that `--json` prints."""
     return {
         "verdict": verdict,
         "refused": list(refused),
@@ -371,4 +423,5 @@ _UNITS = {"%": "percent", "deg": "deg", "s": "s"}
 
 
 def _finite(value: float | None) -> float | None:
+    """Return a value for JSON, rounded; NaN and infinity become None."""
     return round(value, 3) if value is not None and math.isfinite(value) else None

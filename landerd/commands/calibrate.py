@@ -1,4 +1,4 @@
-"""`landerd calibrate`: chooses between camera and gimbal."""
+"""`landerd calibrate`: the subcommands `camera` and `gimbal`."""
 
 import argparse
 
@@ -10,16 +10,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     devices = parser.add_subparsers(metavar="DEVICE", required=True)
     camera = devices.add_parser(
         "camera",
-        help="lens, from pictures of a board",
-        description="Find out what a camera's lens does, from pictures of a board.",
+        help="focal length and distortion of the lens, from pictures of a board",
+        description="Calibrate a camera's lens, from pictures of a board.",
     )
     calibrate_camera.add_arguments(camera)
     camera.set_defaults(calibrate=calibrate_camera.run)
     gimbal = devices.add_parser(
         "gimbal",
         help="signs, zeros or tables, and delays, from views of a pad",
-        description="Move a gimbal about and find out how it answers, from views of a pad that "
-        "lies still. The vehicle stands disarmed.",
+        description="Move a gimbal and measure how it follows its orders, from pictures of a pad "
+        "that lies still. The vehicle stands disarmed.",
         epilog="example: landerd calibrate gimbal -c landerd.yaml -o gimbal-found.yaml",
     )
     calibrate_gimbal.add_arguments(gimbal)
@@ -27,6 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate the device that was named."""
+    """Calibrate the device that was named; return the exit code."""
     code: int = args.calibrate(args)
     return code

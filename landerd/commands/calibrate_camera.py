@@ -1,4 +1,4 @@
-"""`landerd calibrate camera`: a ROS camera_info file from pictures of a board."""
+"""`landerd calibrate camera`: calibrates a lens from pictures of a board, as ROS camera_info."""
 
 import argparse
 import math
@@ -31,10 +31,12 @@ from landerd.commands.shared import (
     write_text,
 )
 
-# Of the frames of a video or camera those are kept
-_STILL_PX = 2.0  # that have the board where the frame before had it,
-_NEW_PX = 40.0  # and not where a kept one had it
-_MOST_VIEWS = 40  # then a video or camera is left
+# A frame of a video or camera is kept if the board has moved by less than this since the frame
+# before, mean of its corners, px: then it is not blurred by motion.
+_STILL_PX = 2.0
+# A frame is kept if the board is farther than this from where each kept frame has it, px.
+_NEW_PX = 40.0
+_MOST_VIEWS = 40  # number of kept frames after which a video or camera is left
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "sources",
         nargs="+",
         metavar="SOURCE",
-        help="images, folders of them, a video or a camera (/dev/video0; Ctrl-C when done)",
+        help="images, folders of images, a video or a camera (/dev/video0; Ctrl-C when done)",
     )
     parser.add_argument(
         "--board", choices=("chessboard", "charuco"), default="chessboard", help="(chessboard)"
@@ -73,7 +75,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate; return 0, or 1 if the pictures are too poor."""
+    """Calibrate and write the result; return 0, or 1 if the result cannot be trusted.
+
+    Raises:
+        InputError: an argument or a source cannot be used, or the file cannot be written.
+    """
     with refusing(ValueError, SourceError):
         board = _board(args)
         check_folder(args.output)
@@ -105,6 +111,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _board(args: argparse.Namespace) -> Board:
+    """Return the board. Raises InputError without --marker, ValueError for a wrong board."""
     columns, rows = args.size
     if args.board == "chessboard":
         return Chessboard(columns, rows, args.square)
@@ -119,7 +126,16 @@ def _board(args: argparse.Namespace) -> Board:
 def _views(
     board: Board, sources: Sequence[str], *, quiet: bool
 ) -> tuple[list[View], tuple[int, int], int]:
-    """Return the views of the board, the size of all pictures, and how many were looked at.
+    """Search all pictures for the board.
+
+    Args:
+        board: what is searched for.
+        sources: images, folders, videos and cameras.
+        quiet: whether no progress is printed.
+
+    Returns:
+        The kept views of the board, width and height of the pictures (0 without any), and the
+        number of pictures searched.
 
     Raises:
         SourceError: a source cannot be read.
@@ -156,7 +172,13 @@ def _views(
 
 
 def _is_new(view: View, before: View | None, views: Sequence[View]) -> bool:
-    """Tell whether the board stands still, and somewhere else than in the views kept."""
+    """Tell whether the board stands still, and elsewhere than in all kept views.
+
+    Args:
+        view: the board in this frame.
+        before: the board in the frame before; None: it was not found there.
+        views: the kept views.
+    """
     still = before is not None and _moved_px(view, before) < _STILL_PX
     return still and all(_moved_px(view, kept) > _NEW_PX for kept in views)
 
@@ -169,7 +191,7 @@ def _moved_px(a: View, b: View) -> float:
     return float(np.mean(np.linalg.norm(a.corners_px[in_a] - b.corners_px[in_b], axis=1)))
 
 
-# ---- what came of it ---------------------------------------------------------------------------
+# ---- output ------------------------------------------------------------------------------------
 
 
 def _as_json(
@@ -229,6 +251,7 @@ def _in_words(
 
 
 def _size(text: str) -> tuple[int, int]:
+    """Return columns and rows of a board; the type of --size."""
     columns, _, rows = text.partition("x")
     ok = all(part.isascii() and part.isdecimal() and 2 < int(part) < 50 for part in (columns, rows))
     if not ok:
@@ -237,6 +260,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _length(text: str) -> float:
+    """Return a length on the board in m; the type of --square and --marker."""
     value = number(text)
     if not 0.0 < value < 10.0:
         raise argparse.ArgumentTypeError(f"found {text!r}, expected metres, as 0.025")

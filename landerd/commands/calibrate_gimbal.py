@@ -1,4 +1,4 @@
-"""`landerd calibrate gimbal`: finds how a gimbal is mounted, from views of a pad before it."""
+"""`landerd calibrate gimbal`: finds mounting and delay of a gimbal, from pictures of a pad."""
 
 import argparse
 import asyncio
@@ -36,12 +36,12 @@ from landerd.runtime.daemon import Devices
 from landerd.section import Section
 from landerd.vision import Vision
 
-Axes = Mapping[str, AxisResult]  # pitch, and yaw where it turns
+Axes = Mapping[str, AxisResult]  # results by name: "pitch", and "yaw" if the gimbal turns there
 
 _FIRST = (
-    "Stand the vehicle level and unpowered by its motors, on a table, say. Lay the pad flat on the "
+    "Stand the vehicle level with its motors off, for example on a table. Lay the pad flat on the "
     "floor, 1 to 3 m ahead and lower than the camera by a third of that, its middle straight ahead "
-    "of the nose. Nothing may move from now on but the gimbal."
+    "of the nose. From now on nothing but the gimbal may move."
 )
 _NEXT = "Lay the pad nearer or farther, flat and straight ahead again."
 
@@ -54,16 +54,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=range(1, 10),
         default=1,
         metavar="N",
-        help="lay the pad in so many places, so that a servo's table becomes longer (1)",
+        help="number of places in which the pad is laid; more make a servo's table longer (1)",
     )
     parser.add_argument(
-        "--yes", action="store_true", help="ask nothing: the pad lies there, in one place"
+        "--yes", action="store_true", help="ask nothing: the pad is laid already, in one place"
     )
-    add_bench(parser, "FILE.yaml", "the keys to set")
+    add_bench(parser, "FILE.yaml", "write the keys of the configuration to set")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate; return 0, or 1 if the result cannot be trusted."""
+    """Calibrate and write the keys; return 0, or 1 if the result cannot be trusted.
+
+    Raises:
+        InputError: an argument, the configuration or a file cannot be used.
+    """
     loaded, overlay = load_with_saved(args)
     _check(args, loaded)
     with refusing(CalibrationError, SetUpError):
@@ -115,15 +119,15 @@ async def calibrate_gimbal(
     ask: Callable[[str], Awaitable[None]] | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Return the object that `--json` prints; the devices are opened and closed.
+    """Calibrate the gimbal and return the object that `--json` prints.
 
     Args:
         loaded: the configuration.
-        devices: closed.
-        places: how many the pad is laid in.
-        with_autopilot: whether it has to be heard, disarmed.
-        ask: shows a question and waits for the answer; None: nobody is asked.
-        say: tells a line.
+        devices: not open; they are opened and closed.
+        places: number of places in which the pad is laid.
+        with_autopilot: whether an autopilot must report that the vehicle is disarmed.
+        ask: shows an instruction and waits until it is done; None: nobody is asked.
+        say: prints a line on the progress.
     """
     options = _options(loaded)
     motion = _motion(loaded, devices, say, with_autopilot=with_autopilot)
@@ -147,6 +151,7 @@ async def calibrate_gimbal(
 
 
 def _options(loaded: Loaded) -> Section:
+    """Return the block of keys of the gimbal's driver."""
     return loaded.options[f"gimbal.{loaded.config.gimbal.driver}"]
 
 
@@ -169,7 +174,7 @@ def _motion(
     )
 
 
-# ---- what came of it ---------------------------------------------------------------------------
+# ---- results -----------------------------------------------------------------------------------
 
 
 def _report(
@@ -259,14 +264,21 @@ def _servo_keys(
 
 
 def _report_late_s(delays: Sequence[Delays]) -> float:
-    """Return by how much pictures are behind the reports, mean of the axes, s."""
+    """Return the delay of pictures behind the gimbal's reports, mean of the axes, s."""
     return sum(d.report for d in delays) / len(delays)
 
 
 def _servo_table(
     servo: ServoAxisOptions, found: tuple[tuple[float, float], ...]
 ) -> list[list[float]]:
-    """Return the table of a servo: the points found, extrapolated linearly to its ends."""
+    """Return a servo's new table: rows of angle (degrees) and pulse width (us).
+
+    The points found are extrapolated linearly to the ends of the old table.
+
+    Args:
+        servo: options with the old table.
+        found: angles by the old table and measured angles, rad.
+    """
     old_deg, old_us = (np.array(column) for column in zip(*servo.table, strict=True))
     at_deg, true_deg = (np.degrees(column) for column in zip(*found, strict=True))
     slope, zero = np.polyfit(at_deg, true_deg, 1)
@@ -303,7 +315,7 @@ def _in_words(report: dict[str, Any]) -> list[str]:
         if axis is None:
             continue
         if axis["sign"] < 0:
-            lines.append(f"{name} turns the other way than it is told")
+            lines.append(f"{name} turns opposite to its orders")
         if "zero_deg" in axis:
             zero, sigma = axis["zero_deg"], axis["sigma_deg"]
             lines.append(
@@ -316,11 +328,12 @@ def _in_words(report: dict[str, Any]) -> list[str]:
         if "latency_s" in axis:
             order, report_ms = (1e3 * axis[key] for key in ("latency_s", "report_late_s"))
             lines.append(
-                f"{name}: pictures show an order {order:.0f} ms later, a report {report_ms:.0f} ms"
+                f"{name}: pictures are {order:.0f} ms behind the orders, and {report_ms:.0f} ms "
+                "behind the gimbal's reports"
             )
     if "camera_rotation_deg" in report:
         roll, _, yaw = report["camera_rotation_deg"]
-        lines.append(f"the camera sits rolled by {roll:.2f} and turned by {yaw:.2f} degrees")
+        lines.append(f"the camera is mounted rolled by {roll:.2f} and turned by {yaw:.2f} degrees")
         lines.append(f"{report['views']} pictures agree within {report['error_deg']:.2f} degrees")
     return lines + [f"refused: {reason}" for reason in report["reasons"]]
 
@@ -334,12 +347,15 @@ def _tree(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _deg(angle: float, places: int = 2) -> float:
-    return round(math.degrees(angle), places) + 0.0  # no -0.0
+    """Return an angle (rad) in degrees, rounded."""
+    return round(math.degrees(angle), places) + 0.0  # + 0.0 makes -0.0 to 0.0
 
 
 def _wrapped_deg(angle_deg: float) -> float:
+    """Return an angle between -180 and 180 degrees, rounded."""
     return round(math.remainder(angle_deg, 360.0), 2) + 0.0
 
 
 def _within(seconds: float, most: float) -> float:
+    """Return a time of at least 0 and at most `most`, rounded, s."""
     return round(clamp(seconds, 0.0, most), 3)

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--runs",
         type=whole_number(1),
         metavar="N",
-        help="seeds 1 to N; without: what the campaign says",
+        help="fly the seeds 1 to N; without: as many as the campaign says",
     )
     add_flying(parser)
     add_json(parser)
@@ -88,7 +88,12 @@ class _Part:
 
 
 def _settings(name: str, loaded: Iterable[Loaded]) -> str:
-    """Return an identification of a campaign's configuration."""
+    """Return a hash that identifies the campaign and its configurations.
+
+    Args:
+        name: of the campaign.
+        loaded: configuration of each row.
+    """
     digest = hashlib.sha256(as_bytes(name))
     for each in loaded:
         digest.update(each.config.model_dump_json().encode())
@@ -98,6 +103,7 @@ def _settings(name: str, loaded: Iterable[Loaded]) -> str:
 
 
 def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | None) -> int:
+    """Fly all campaigns, without the runs in the journal, and print them; return the exit code."""
     started = time.monotonic()
     flown, missed = [], False
     for number, part in enumerate(parts, start=1):
@@ -128,7 +134,7 @@ def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | No
             for each in least:
                 print(f"{'; '.join(each['failures'])}: {each['again']}")
             minutes = (time.monotonic() - started) / 60.0
-            print(f"{len(waiting)} runs, {minutes:.1f} min from the beginning")
+            print(f"{len(waiting)} runs, {minutes:.1f} min since the start")
     if args.json:
         wall_s = time.monotonic() - started
         found = flown[0] if len(flown) == 1 else {"campaign": args.name, "campaigns": flown}
@@ -137,6 +143,7 @@ def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | No
 
 
 def _print(campaign: Campaign, rows: Sequence[dict[str, Any]], runs: Iterable[Run]) -> None:
+    """Print the tables of a campaign: its flights, sweeps, poses, failed days and faults."""
     swept = {row.name for sweep in campaign.sweeps for row in sweep.rows()}
     flights = [row for row in rows if "bins" not in row and row["scenario"] not in swept]
     if flights:
@@ -158,7 +165,7 @@ def _print(campaign: Campaign, rows: Sequence[dict[str, Any]], runs: Iterable[Ru
 def _least(
     campaign: Campaign, landing: SimulatedLanding, runs: Iterable[Run]
 ) -> list[dict[str, Any]]:
-    """Return the least faults with which the first of the flights that failed still fail."""
+    """Return, for the first failed flights with faults, the smallest faults that make them fail."""
     rows = {row.name: row for row in campaign.all_rows if row.faults}
     failed = [run for run in runs if run.scenario in rows and failures(run)]
     found = []

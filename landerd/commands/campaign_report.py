@@ -1,4 +1,4 @@
-"""The part of `landerd report` that reads what campaigns kept, beside other tables."""
+"""The part of `landerd report` that makes a page from campaigns' runs (--keep) and from tables."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -17,14 +17,19 @@ from landerd.drivers import read_configuration
 from landerd.files import as_bytes, write_whole
 
 TITLE = "Results"
-SECTION = "== "  # begins a line that is a heading, in tables as they stand
+SECTION = "== "  # begins a heading in a file of tables (.txt)
 
 
 def write_campaigns(paths: Sequence[Path], output: Path) -> None:
-    """Write what is to be said of these files as HTML or, into a .md, as Markdown.
+    """Write a page on the results in these files.
+
+    Args:
+        paths: runs from `landerd campaign --keep` or `landerd sim --json` (.jsonl), and tables
+            (.txt).
+        output: the page: Markdown if the suffix is .md, else HTML.
 
     Raises:
-        InputError: one cannot be read, or is none of these.
+        InputError: a file cannot be read, or has no results.
         OSError: the page cannot be written.
     """
     blocks: list[Block] = [Heading(TITLE, 1), Text(_made_of(paths, output))]
@@ -45,6 +50,7 @@ def write_campaigns(paths: Sequence[Path], output: Path) -> None:
 
 
 def _made_of(paths: Sequence[Path], output: Path) -> str:
+    """Return the page's first paragraph: how it was made, and how to read it."""
     names = " ".join(shlex.quote(path.name) for path in paths)
     return (
         f"Written by `landerd report {names} -o {output.name}`, never by hand. Behind ± and in "
@@ -56,7 +62,11 @@ def _made_of(paths: Sequence[Path], output: Path) -> str:
 
 
 def _as_it_stands(path: Path) -> list[Block]:
-    """Return the sections of a file of tables. Raises InputError."""
+    """Return the tables of a .txt file as they are, under its headings.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
@@ -76,7 +86,13 @@ def _as_it_stands(path: Path) -> list[Block]:
 
 
 def _again(kept: Kept, row: Row, seed: int) -> str:
-    """Return the command line that flies a flight again."""
+    """Return the command line that repeats a flight.
+
+    Args:
+        kept: the file that has it.
+        row: of the campaign.
+        seed: of the flight.
+    """
     faults = settings_of(seed) if row.faults else ()
     settings = [word for each in row.settings for word in ("--set", each)]
     drawn = [word for each in faults for word in ("--set", each)]
@@ -85,13 +101,16 @@ def _again(kept: Kept, row: Row, seed: int) -> str:
 
 
 class ReferenceWorld:
-    """What keys are in the world that all quoted figures use: nominal to sweeps."""
+    """A function that returns a key's nominal value for sweeps: its default.
+
+    The default configuration is the simulated world in which all quoted figures were measured.
+    """
 
     def __init__(self) -> None:
         self._config: Any = None
 
     def __call__(self, key: str) -> Any:
-        """Return a key's value; None: there is none."""
+        """Return the value of a dotted key; None: there is no such key."""
         if self._config is None:
             with refusing(ConfigError):
                 self._config = read_configuration(default_config()).config

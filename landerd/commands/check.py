@@ -1,4 +1,4 @@
-"""`landerd check`: opens and measures every device and says what would stop a landing."""
+"""`landerd check`: opens and measures every device, and reports what would prevent a landing."""
 
 import argparse
 import asyncio
@@ -53,8 +53,9 @@ from landerd.preflight.status_page import foxglove_findings, page_findings
 from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
 
-_LEAST_FREE_MB = 500.0  # of the logs' disk
-_AGAIN_S = 2.0
+_LEAST_FREE_MB = 500.0  # with less free space on the logs' disk there is a warning
+_AGAIN_S = 2.0  # pause before a configuration that cannot be read is read again
+# Settings with which the vehicle's configuration is flown in the simulator for --budget.
 _IN_THE_SIMULATOR = (
     "camera.driver=sim",
     "camera.exposure=fixed",
@@ -75,17 +76,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
     add_vehicle(parser)
     parser.add_argument(
-        "--watch", action="store_true", help="again and again, until nothing stops a landing"
+        "--watch", action="store_true", help="repeat the check until nothing would stop a landing"
     )
     parser.add_argument(
         "--budget",
         action="store_true",
-        help="measure this computer too: pictures a second, picture to set-point (a minute)",
+        help="measure this computer, too: pictures per second, time from picture to set-point "
+        "(takes a minute)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check; return 0 if ready, or 1 if something would stop a landing."""
+    """Check and print the findings; return 0 if ready, or 1 if something would stop a landing.
+
+    Raises:
+        InputError: an argument or the configuration cannot be used.
+    """
     if args.watch and args.json:
         raise InputError("--watch: not with --json, which prints one object")
     logging.basicConfig(level=logging.CRITICAL)  # what drivers would log is in the findings
@@ -96,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
         new = [f for f in findings if f.level != "ok" and f"{f.item} {f.mend}" not in shown]
         if new:
             _show(new)
-            tell("not ready yet; mend this, it is looked at again (Ctrl-C ends it)")
+            tell("not ready yet; mend this, the check is repeated (Ctrl-C ends it)")
         shown = {f"{f.item} {f.mend}" for f in findings}
         findings = [*_once_more(args), *budget]
     ready = not _is_stopped_by(findings)
@@ -109,6 +115,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _is_stopped_by(findings: Sequence[Finding]) -> bool:
+    """Tell whether one of the findings would stop a landing."""
     return any(f.level == "fail" for f in findings)
 
 
@@ -133,7 +140,10 @@ def _once(args: argparse.Namespace) -> list[Finding]:
 
 
 def _once_more(args: argparse.Namespace) -> list[Finding]:
-    """Check again; the configuration may be in the middle of being written."""
+    """Check again; a configuration that cannot be used is a finding here.
+
+    It may be just being edited.
+    """
     try:
         return _once(args)
     except InputError as e:
@@ -142,7 +152,11 @@ def _once_more(args: argparse.Namespace) -> list[Finding]:
 
 
 def _budget(args: argparse.Namespace) -> list[Finding]:
-    """Measure this computer with the vehicle's pad, camera and keys in the simulator."""
+    """Measure this computer's speed with the vehicle's configuration, in the simulator.
+
+    Raises:
+        InputError: the configuration, the calibration or the pad file cannot be used.
+    """
     from landerd.simulation.budget import measure
 
     loaded, _ = load_with_saved(args)
@@ -166,14 +180,14 @@ def _budget(args: argparse.Namespace) -> list[Finding]:
 async def check(
     loaded: Loaded, devices: Devices, state: Path, system: Path = SYSTEM
 ) -> list[Finding]:
-    """Return all findings; the devices are opened, measured side by side, and closed.
+    """Open all devices, measure them concurrently, close them, and return all findings.
 
-    The gimbal is moved only while the autopilot is heard to be disarmed.
+    The gimbal is moved only while the autopilot reports that the vehicle is disarmed.
 
     Args:
         loaded: the configuration.
         devices: not open.
-        state: folder that the service has for what it keeps.
+        state: state folder of the service; $STATE_DIRECTORY replaces it.
         system: root of the files in which Linux describes this computer.
     """
     config = loaded.config
@@ -219,7 +233,12 @@ async def check(
 
 
 async def _or_failure(item: str, looking: Awaitable[list[Finding]]) -> list[Finding]:
-    """Return the findings on a device, or one on the error that ended its check."""
+    """Return the findings on a device, or a finding on the unexpected error that ended its check.
+
+    Args:
+        item: name of the device.
+        looking: the check.
+    """
     try:
         return await looking
     except Exception as e:  # unexpected error of a driver: the other findings are still reported
@@ -240,29 +259,31 @@ def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
 
 
 async def _camera(loaded: Loaded, camera: Camera, model: CameraModel) -> list[Finding]:
+    """Return the findings on the camera; if it fails, also the cameras that are connected."""
     options = camera_options(loaded)
     layout = load_pad(loaded.config.pad.layout)
     vision = Vision(layout, model, loaded.config.vision)
     fps = options.fps if options is not None else None
     config = loaded.config
-    # As the core counts it: it must be young enough still at the next control step.
+    # Greatest age of a picture with which the core still counts the pad as seen: it must not become
+    # too old before the next control step.
     oldest_s = config.guidance.lost.after_s - config.estimation.clock_sigma_s
     oldest_s -= 1.0 / config.control.rate_hz
     found = await check_camera(camera, vision, model, fps, oldest_s)
     if any(f.item == "camera" and f.level == "fail" for f in found):
         found += [
-            Finding("ok", "camera", f"there is {path}, {name}: {v4l2.in_words(modes)}")
+            Finding("ok", "camera", f"connected: {path}, {name}: {v4l2.in_words(modes)}")
             for path, name, modes in v4l2.cameras()
         ]
     return found
 
 
 def disk(loaded: Loaded, state: Path) -> Finding:
-    """Return whether flights can be recorded: into log.folder, or else the service's own folder.
+    """Return a finding on whether flights can be recorded, and how much disk space is left.
 
     Args:
-        loaded: the configuration.
-        state: folder that the service has for what it keeps; systemd makes it.
+        loaded: the configuration, with log.folder.
+        state: state folder of the service, which systemd makes; used without log.folder.
     """
     folder = loaded.config.log.folder or state / "logs"
     existing = next(path for path in (folder, *folder.parents) if path.exists())

@@ -17,15 +17,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare and print; return 0, or 1 if anything is worse in B."""
+    """Compare two campaigns and print the changes; return 0, or 1 if anything is worse in B.
+
+    Raises:
+        InputError: a file cannot be read, or the two have no flight in common.
+    """
     with refusing(JournalError):
         a, b = read_runs(args.a), read_runs(args.b)
     rows = compare(a, b)
     if not rows:
-        raise InputError(f"{args.a} and {args.b}: no row and seed is in both")
+        raise InputError(f"{args.a} and {args.b}: no flight (row and seed) is in both")
     alone = len(a) + len(b) - 2 * len(a.keys() & b.keys())
     if alone:
-        tell(f"{alone} flights are in one of the two only, and left out")
+        tell(f"{alone} flights are in only one of the two, and are left out")
     if args.json:
         print_json({"a": str(args.a), "b": str(args.b), "left_out": alone, "rows": rows})
     else:
@@ -34,5 +38,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _is_worse(row: dict[str, Any]) -> bool:
+    """Tell whether the share of successes or a figure is worse in B."""
     verdicts = [row["succeeded"]["verdict"], *(f["verdict"] for f in row["figures"].values())]
     return "worse" in verdicts

@@ -1,4 +1,4 @@
-"""`landerd dry-run`: what landerd would have ordered during a recorded flight; sends nothing."""
+"""`landerd dry-run`: prints what landerd would have ordered in a recorded flight; sends nothing."""
 
 import argparse
 import math
@@ -45,19 +45,20 @@ from landerd.pad import PadError, PadLayout, load_pad
 from landerd.runtime.dry_run import DryRun, DryRunResult, Expose
 from landerd.runtime.observer import Observer
 
-GOOD_RATE_HZ = 20.0
+GOOD_RATE_HZ = 20.0  # with a lower rate of attitudes or positions there is a remark
 BELIEVED_MPS = 60.0  # highest speed in a recording that is believed: no copter flies faster
 SEEN_FROM_M = 20.0  # distance beyond which pads of a metre are not detected
-IN_THE_AIR_M = 2.0
-_FILMS = (".webm", ".mp4")  # that browsers play, and others
-_OUTCOMES = {  # in words; others are words
+IN_THE_AIR_M = 2.0  # height above the pad from which on the recording has not ended on it
+_FILMS = (".webm", ".mp4")  # suffixes of --draw; all browsers play the first
+# Outcomes in words, where the outcome's name is not clear by itself.
+_OUTCOMES = {
     None: "the recording ends before the landing does",
     "landed": "landed: on the pad when it was disarmed",
     "landed_off_pad": "disarmed beside the pad",
     "tipped_over": "disarmed, tipped over",
     "handed_back": "it would have handed back to the pilot, for the reason in the last line",
-    "touchdown_unconfirmed": "it would have been on the pad; that the autopilot had noticed it, "
-    "which landerd waits for, is in no recording",
+    "touchdown_unconfirmed": "it would have touched down; that the autopilot detects this, which "
+    "landerd waits for, is in no recording",
 }
 
 
@@ -65,12 +66,12 @@ _OUTCOMES = {  # in words; others are words
 class _Flight:
     """A recorded flight as it is given to the core; times on the recording's clock, s."""
 
-    camera: CameraModel  # of the pictures
+    camera: CameraModel  # calibration at the size of the pictures
     vehicle: RecordedVehicle
-    expose: Expose
-    start: float
+    expose: Expose  # takes the pictures, filmed or drawn
+    start: float  # of the core's run
     end: float
-    offset_s: float | None = None  # of the video's beginning after the telemetry's; None: no video
+    offset_s: float | None = None  # the video's start minus the telemetry's; None: no video
     offset_correlation: float | None = None  # None: the offset was given
     drawn_pad: Vec3 | None = None  # local NED, m; None: there is a video
 
@@ -84,41 +85,55 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--video",
         type=Path,
         metavar="FILE",
-        help="video, or folder of images with their times; without one: drawn pictures of a pad",
+        help="video, or folder of images with their times; without: pictures of a pad are drawn",
     )
     parser.add_argument(
         "--offset",
         type=_seconds,
         metavar="S",
-        help="the video begins so long after the telemetry; without: found by their motion",
+        help="start of the video minus start of the telemetry; without: found by their motion",
     )
     parser.add_argument(
         "--gimbal",
         type=_numbers(2),
         metavar="YAW,PITCH",
-        help="fixed camera, degrees to the airframe (0,-90: down); without: from the telemetry",
+        help="direction of a fixed camera, degrees relative to the airframe (0,-90: down); "
+        "without: from the telemetry",
     )
     parser.add_argument(
         "--pad-local",
         type=_numbers(2, 3),
         metavar="N,E[,D]",
-        help="where the pad is drawn, m in the autopilot's local frame; without: where it ended",
+        help="where the pad is drawn, m in the autopilot's local frame; without: where the "
+        "flight ended",
     )
-    parser.add_argument("--pad-at", type=_numbers(2), metavar="LAT,LON", help="the same in degrees")
-    parser.add_argument("--fps", type=_positive, default=10.0, help="of drawn pictures (10)")
-    parser.add_argument("--from", dest="start", type=_seconds, default=0.0, metavar="S")
+    parser.add_argument(
+        "--pad-at", type=_numbers(2), metavar="LAT,LON", help="where the pad is drawn, degrees"
+    )
+    parser.add_argument(
+        "--fps", type=_positive, default=10.0, help="rate of drawn pictures, per second (10)"
+    )
+    parser.add_argument(
+        "--from",
+        dest="start",
+        type=_seconds,
+        default=0.0,
+        metavar="S",
+        help="begin this long after the telemetry's start (0)",
+    )
     parser.add_argument(
         "--to",
         dest="end",
         type=_seconds,
         metavar="S",
-        help="part of the telemetry, s from its start",
+        help="end this long after the telemetry's start; without: at its end",
     )
     parser.add_argument(
         "--draw",
         type=Path,
         metavar="FILE",
-        help="draw it over the pictures: FILE.webm, which browsers play, or FILE.mp4",
+        help="write a video with sightings and orders drawn over the pictures: FILE.webm, which "
+        "browsers play, or FILE.mp4",
     )
     parser.add_argument(
         "--log", type=Path, metavar="FILE.mcap", help="write a flight log, for landerd report"
@@ -128,7 +143,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what would have been ordered; return 0."""
+    """Print what landerd would have ordered, and write the files asked for; return 0.
+
+    Raises:
+        InputError: an argument, the configuration or a file cannot be used or written.
+    """
     loaded = load_config(args)
     if args.draw is not None:
         if args.draw.suffix not in _FILMS:
@@ -142,7 +161,7 @@ def run(args: argparse.Namespace) -> int:
         flight = _flight(args, loaded, layout, telemetry)
         result, not_written = _fly(args, loaded.config, layout, flight)
     if args.video is not None and not result.frames:
-        raise InputError(f"{args.video}: no frame of it falls into the telemetry: see --offset")
+        raise InputError(f"{args.video}: no frame is within the telemetry's time: see --offset")
     report = _report(telemetry, flight, result)
     if args.json:
         print_json(report)
@@ -157,6 +176,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _telemetry(path: Path) -> Telemetry:
+    """Return the telemetry in a file.
+
+    Raises:
+        InputError: attitude or position were recorded too rarely.
+        TelemetryError: the file cannot be used.
+    """
     telemetry = read_telemetry(path)
     for track, name in ((telemetry.attitude, "attitude"), (telemetry.position, "position")):
         if not is_fast_enough(track, telemetry.flown):
@@ -196,7 +221,11 @@ def _flight(
 
 
 def _part(args: argparse.Namespace, telemetry: Telemetry) -> tuple[float, float]:
-    """Return the start and end of the core's run, s on the recording's clock."""
+    """Return the start and end of the core's run, s on the recording's clock.
+
+    Raises:
+        InputError: nothing is between them.
+    """
     start = telemetry.start + max(0.0, args.start)
     end = telemetry.end if args.end is None else min(telemetry.end, telemetry.start + args.end)
     if start >= end:
@@ -208,7 +237,10 @@ def _part(args: argparse.Namespace, telemetry: Telemetry) -> tuple[float, float]
 
 
 def _pad(args: argparse.Namespace, telemetry: Telemetry, config: Config) -> Vec3:
-    """Return where the pad is drawn: as given, or below the end of the flight."""
+    """Return where the pad is drawn, local NED, m: as given, or below the end of the flight.
+
+    Its height is that of the feet at the flight's lowest point, unless it is given.
+    """
     flown = _flown(telemetry)
     north, east, *_ = flown[-1]
     down = max(values[2] for values in flown) + config.vehicle.gear_height_m
@@ -228,6 +260,12 @@ def _flown(telemetry: Telemetry) -> list[tuple[float, ...]]:
 
 
 def _fitting(camera: CameraModel, video: Path, config: Config) -> CameraModel:
+    """Return the calibration at the size of a video's frames.
+
+    Raises:
+        CalibrationError: it does not fit their size.
+        VideoError: the video cannot be read.
+    """
     first = next(read_video(video))
     height, width = first.image.shape
     try:
@@ -239,7 +277,15 @@ def _fitting(camera: CameraModel, video: Path, config: Config) -> CameraModel:
 def _offset(
     args: argparse.Namespace, camera: CameraModel, vehicle: RecordedVehicle, telemetry: Telemetry
 ) -> tuple[float, float | None]:
-    """Return the video's start relative to the telemetry's (s), and the correlation."""
+    """Return the video's start minus the telemetry's, s, and the correlation by which it was found.
+
+    The correlation, of the motion in the pictures with that of the camera, is None if the offset
+    was given.
+
+    Raises:
+        InputError: the offset cannot be found, or the direction of the camera is unknown.
+        VideoError: the video cannot be read.
+    """
     if args.gimbal is None and not telemetry.gimbal.times:
         raise InputError(f"{args.telemetry}: no gimbal angles in it: give --gimbal YAW,PITCH")
     if args.offset is not None:
@@ -257,16 +303,20 @@ def _offset(
     return offset, correlation
 
 
-# ---- what comes out ----------------------------------------------------------------------------
+# ---- the run and its results -------------------------------------------------------------------
 
 
 def _fly(
     args: argparse.Namespace, config: Config, layout: PadLayout, flight: _Flight
 ) -> tuple[DryRunResult, list[str]]:
-    """Give the flight to the core, and write its orders to files if asked to.
+    """Run the core on the flight, and write log and video if asked to.
 
     Returns:
-        The result, and texts on files that could not be written.
+        The result, and a text for each file that could not be written.
+
+    Raises:
+        VideoNotWritten: the video of --draw cannot be begun.
+        VideoError: the video cannot be read.
     """
     not_written: list[str] = []
     recorder = _recorder(args.log, config, layout, flight.camera)
@@ -281,7 +331,7 @@ def _fly(
             recorder.close()
             not_written += recorder.failures
         if video is not None and not video.close():
-            not_written.append(f"{args.draw}: cannot be written, or not wholly")
+            not_written.append(f"{args.draw}: cannot be written, or not completely")
     return dry.result, not_written
 
 
@@ -294,6 +344,7 @@ def _fps(args: argparse.Namespace) -> float:
 def _recorder(
     path: Path | None, config: Config, layout: PadLayout, camera: CameraModel
 ) -> Recorder | None:
+    """Return a recorder that replaces the flight log at a path; None without a path."""
     if path is None:
         return None
     path.unlink(missing_ok=True)
@@ -342,21 +393,19 @@ def _remarks(telemetry: Telemetry, flight: _Flight) -> list[str]:
     lines = list(telemetry.remarks)
     flown = _flown(telemetry)
     if not telemetry.says_armed:
-        lines.append("it does not say when it was armed: all of it is taken for the flight")
+        lines.append("it does not tell when the vehicle was armed: all of it counts as the flight")
     elif not telemetry.armed:
-        lines.append("it was never armed in it")
+        lines.append("the vehicle was never armed in it")
     length = sum(b - a for a, b in telemetry.flown)
     for track, name in ((telemetry.attitude, "attitude"), (telemetry.position, "position")):
         missing = length - track.covered_s(telemetry.flown)
         if missing > MAX_GAP_S:
             lines.append(f"{name} is missing for {missing:.1f} s of the {length:.1f} s flown")
     if flight.vehicle.is_pretended:
-        lines.append("no gimbal angles in it: a gimbal is pretended that follows landerd's orders")
+        lines.append("no gimbal angles in it: a gimbal that follows landerd's orders is simulated")
     fastest = max(math.hypot(*values[3:]) for values in flown)
     if fastest > BELIEVED_MPS:
-        lines.append(
-            f"its position is not to be believed: by it the vehicle flew up to {fastest:.0f} m/s"
-        )
+        lines.append(f"its position is implausible: by it the vehicle flew up to {fastest:.0f} m/s")
     if flight.drawn_pad is not None:
         lines += _drawn(flight.drawn_pad, flown)
     return lines
@@ -372,13 +421,20 @@ def _drawn(pad: Vec3, flown: Sequence[tuple[float, ...]]) -> list[str]:
     nearest = min(math.dist(place[:3], pad) for place in flown)
     above = down - flown[-1][2]
     if nearest > SEEN_FROM_M:
-        lines.append(f"it never came nearer to that pad than {nearest:.0f} m")
+        lines.append(f"the vehicle never came nearer to that pad than {nearest:.0f} m")
     if above > IN_THE_AIR_M:
-        lines.append(f"the recording ends {above:.0f} m above it: it may lie elsewhere")
+        lines.append(f"the recording ends {above:.0f} m above that pad: it may lie elsewhere")
     return lines
 
 
 def _side(value: float, positive: str, negative: str) -> str:
+    """Return a distance in words, as "2.0 m north".
+
+    Args:
+        value: distance, m.
+        positive: name of its direction if it is not negative.
+        negative: name of its direction otherwise.
+    """
     return f"{abs(value):.1f} m {positive if value >= 0.0 else negative}"
 
 
@@ -392,7 +448,7 @@ def _in_words(args: argparse.Namespace, result: dict[str, Any], not_written: Seq
     ]
     if min(result["attitude_hz"], result["position_hz"]) < GOOD_RATE_HZ:
         lines.append(
-            "  slow: what lies between was interpolated; landerd in flight asks for 50 a second"
+            "  slow: values between are interpolated; in flight landerd asks for 50 a second"
         )
     if result["offset_s"] is not None:
         found = result["offset_correlation"]
@@ -427,6 +483,8 @@ def outcome_in_words(outcome: str | None) -> str:
 
 
 def _numbers(*lengths: int) -> Callable[[str], tuple[float, ...]]:
+    """Return the `type` of an argument of numbers between commas; lengths: how many are allowed."""
+
     def parse(text: str) -> tuple[float, ...]:
         try:
             values = tuple(float(part) for part in text.split(","))
@@ -441,6 +499,7 @@ def _numbers(*lengths: int) -> Callable[[str], tuple[float, ...]]:
 
 
 def _seconds(text: str) -> float:
+    """Return a time in s; the type of an argument."""
     value = number(text)
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"found {text!r}, expected seconds")
@@ -448,6 +507,7 @@ def _seconds(text: str) -> float:
 
 
 def _positive(text: str) -> float:
+    """Return a rate of pictures per second; the type of --fps."""
     value = number(text)
     if not 0.0 < value <= 60.0:
         raise argparse.ArgumentTypeError(f"found {text!r}, expected a rate up to 60")

@@ -1,4 +1,4 @@
-"""`landerd report`: what happened in flights, or what came of campaigns, as a page to read."""
+"""`landerd report`: writes a page on flights, from their logs, or on campaigns' results."""
 
 import argparse
 import importlib.util
@@ -8,8 +8,8 @@ from landerd.commands.campaign_report import write_campaigns
 from landerd.commands.shared import InputError, check_folder, refusing, tell
 from landerd.flightlog.reader import LogError, read_log
 
-_PAGES = (".html", ".md")
-_READ = (".mcap", ".jsonl", ".txt")
+_PAGES = (".html", ".md")  # suffixes of files that are written
+_READ = (".mcap", ".jsonl", ".txt")  # suffixes of files that are read
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,8 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="FILE",
-        help="flight logs (.mcap); or what campaigns kept (.jsonl), what landerd sim --json "
-        "printed (.jsonl), and tables as they stand (.txt)",
+        help="flight logs (.mcap); or results: files of landerd campaign --keep (.jsonl), output "
+        "of landerd sim --json (.jsonl), and tables, copied as they are (.txt)",
     )
     parser.add_argument(
         "-o",
@@ -28,16 +28,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=Path("report.html"),
         metavar="FILE",
-        help="a page (.html), or of campaigns a text without figures (.md); (report.html)",
+        help="a page (.html), or for campaigns a text without figures (.md); (report.html)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the page; return 0."""
+    """Write the page; return 0. Raises InputError."""
     from landerd.analysis.report import NO_PLOTS
 
     if args.output.suffix not in _PAGES:
-        raise InputError(f"-o {args.output}: expected a .html, or of campaigns a .md")
+        raise InputError(f"-o {args.output}: expected a .html, or for campaigns a .md")
     check_folder(args.output)
     for path in args.files:
         if path.suffix not in _READ and path.exists():
@@ -59,11 +59,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write_flights(paths: list[Path], output: Path) -> None:
+    """Write a page on flights, from their logs. Raises InputError, OSError."""
     from landerd.analysis.flight import flight_of
     from landerd.analysis.report import write_report
 
     if output.suffix == ".md":
-        raise InputError(f"-o {output}: of flight logs there is a page only, expected .html")
+        raise InputError(f"-o {output}: for flight logs expected .html")
     with refusing(LogError):
         flights = [flight_of(read_log(path)) for path in paths]
         write_report(flights, output)

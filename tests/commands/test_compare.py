@@ -69,4 +69,4 @@ def test_campaigns_without_a_flight_in_common_cannot_be_compared(
     run = Run("moving", 1, landing("moving", 1))
     b.write_text('{"settings": ""}\n' + json.dumps(dataclasses.asdict(run)) + "\n")
     assert main(["compare", a, str(b)]) == 2
-    assert "no row and seed is in both" in capsys.readouterr().err
+    assert "no flight (row and seed) is in both" in capsys.readouterr().err

@@ -110,11 +110,11 @@ def test_what_makes_the_result_doubtful_is_said(
     assert not any("nearer" in remark or "above it" in remark for remark in sound)
     far = dry_run(capsys, "--telemetry", flight, *short, "--pad-local", "0,40,12")["remarks"]
     assert any(re.search("never came nearer to that pad than 4[0-9] m", r) for r in far)
-    assert any(re.search("ends 1[0-9] m above it", r) for r in far)
+    assert any(re.search("ends 1[0-9] m above that pad", r) for r in far)
     # An estimator that says 99 m/s along each axis.
     lost = str(write_bin(tmp_path / "b.bin", skip=("MNT",), estimator=10))
     said = dry_run(capsys, "--telemetry", lost, *short)["remarks"]
-    assert any("not to be believed: by it the vehicle flew up to 171 m/s" in r for r in said)
+    assert any("implausible: by it the vehicle flew up to 171 m/s" in r for r in said)
 
 
 def test_a_pad_in_degrees_and_one_in_metres_are_the_same(
@@ -145,7 +145,7 @@ def test_what_cannot_be_used_is_one_line(
         (("--telemetry", tlog, "--draw", "x.avi"), "expected a .webm or .mp4"),
         (
             ("--telemetry", tlog, "--video", video, "--gimbal", "0,-50", "--offset", "100"),
-            "no frame of it falls into the telemetry",
+            "no frame is within the telemetry's time",
         ),
     ):
         assert says in refused(capsys, *arguments)
