@@ -88,7 +88,8 @@ def run(args: argparse.Namespace) -> int:
             carry_out(program, args)
             return _by_the_installed_copy(args.board)
         steps = [*program, *install_steps(args.board, root)]
-        key_steps, news, unreadable = _keys() if is_installed_copy() else ([], [], [])
+        reads_keys = root == _SYSTEM and is_installed_copy()
+        key_steps, news, unreadable = _keys() if reads_keys else ([], [], [])
         carry_out([*steps, *key_steps], args)
     if news:
         print("changes of the configuration's keys:", *news, sep="\n  ")

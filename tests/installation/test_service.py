@@ -230,5 +230,18 @@ def test_a_key_of_the_users_that_is_gone_is_named_with_its_line(tmp_path: Path) 
     assert "landerd@boat.yaml:2: vision.old: unknown key" in fault
 
 
+def test_keys_of_the_running_system_are_left_alone_by_an_installation_into_an_image(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "landerd.yaml").write_text("vision: {old: 1}\n")
+    monkeypatch.setattr(program, "is_installed_copy", lambda: True)
+    monkeypatch.setattr(service, "CONFIGURATION", tmp_path / "landerd.yaml")
+    monkeypatch.setattr(keys, "DEFAULTS", tmp_path / "defaults.json")
+    (tmp_path / "image").mkdir()
+    assert install(tmp_path / "image", "jetson") == 0
+    assert not (tmp_path / "defaults.json").exists()
+    assert "cannot read your configuration" not in capsys.readouterr().out
+
+
 def test_where_landerd_lies_is_no_change_of_a_key() -> None:
     assert not any(str(config_dir()) in str(value) for value in keys.own_defaults().values())
