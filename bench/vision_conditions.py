@@ -1,15 +1,16 @@
-"""Markers as ordinary cameras and ordinary light show them: found, error, honesty and time.
+"""Vision under ordinary cameras and light: detection rate, errors, stated sigmas and time.
 
     python -m bench.vision_conditions --images 200         # the table
     python -m bench.vision_conditions --only gamma,glare   # some lines
     python -m bench.vision_conditions --of whycode         # of 1 m alone, or a tag of 0.6 m
     python -m bench.vision_conditions --keep FOLDER        # made once, then read from there
 
-The thesis's pad from 2 to 15 m at 0 to 45 degrees, nothing known beforehand. Lines marked * are
-made by the tests' own renderer (area integration, exact pose), the others by the simulator's.
-Found: the centre within a tenth of the range. Beside landerd stand OpenCV and, where it is
-installed, the AprilTag 3 library for the tag (its own middle within a tenth of the range), and for
-the ring any --whycon PROGRAM (see bench/peers.py; its middle within a tenth of the range, seen).
+Pictures show the thesis's pad from 2 to 15 m at 0 to 45 degrees, with nothing known beforehand.
+Those of lines marked * are made by the tests' own renderer (area integration, exact pose), the
+others by the simulator's. A pad counts as found if its centre is within a tenth of the range. For
+comparison there are, for the tag, OpenCV and, if installed, the AprilTag 3 library (the tag's
+centre within a tenth of the range), and for the ring, any --whycon PROGRAM (see bench/peers.py; its
+centre within a tenth of the range across the line of sight).
 """
 
 import argparse
@@ -42,7 +43,8 @@ from tests.vision import scenes
 U8 = NDArray[np.uint8]
 F64 = NDArray[np.float64]
 
-# Print and lens are exact here, and said to be: what a pad file allows would hide a wrong sigma.
+# Print and lens are exact here, and are stated to be: otherwise their allowances would hide a wrong
+# sigma.
 CAMERA = scenes.THESIS_CAMERA
 _EXACT = {"print_scale_sigma": 0.0, "placement_sigma_m": 0.0, "flatness_deg": 0.0}
 PAD = scenes.THESIS_PAD.model_copy(update=_EXACT)
@@ -53,14 +55,14 @@ OPTIONS = VisionSection(focal_sigma=0.0, readout_s=0.0)
 
 @dataclass(frozen=True)
 class Target:
-    """A pad of which pictures are made, and from how far, m."""
+    """A pad, and the distances from which pictures of it are made."""
 
     pad: PadLayout
-    distances: tuple[float, ...]
+    distances: tuple[float, ...]  # m, used in turn
 
     @property
     def outlined(self) -> Ring | WhyCode:
-        """The ring that is wholly in the image, or one as large as what is there."""
+        """The marker that must be wholly in the image; for a square, a ring round it."""
         if self.pad.rings:
             return self.pad.rings[0]
         if self.pad.whycodes:
@@ -69,6 +71,7 @@ class Target:
 
 
 def _alone(marker: WhyCode | Square) -> PadLayout:
+    """Return a pad with this marker only."""
     return PAD.model_copy(update={"name": "alone", "markers": (marker,)})
 
 
@@ -80,9 +83,9 @@ TARGETS = {
     "whycode": Target(_alone(_CODE), (2.0, 4.0, 7.0, 10.0, 15.0)),
 }
 MAX_ANGLE_DEG = 45.0
-CHI2_95 = 7.815  # three degrees of freedom
-FOUND_SHARE = 0.1  # of the range
-READOUT_S, SKEW_PX = 0.02, 5.0
+CHI2_95 = 7.815  # 95 % quantile of chi-square with three degrees of freedom
+FOUND_SHARE = 0.1  # largest error of the centre of a pad that counts as found, over the range
+READOUT_S, SKEW_PX = 0.02, 5.0  # readout of a rolling shutter, and motion of the image meanwhile
 ROLLING_OPTIONS = OPTIONS.model_copy(update={"readout_s": READOUT_S})
 _AT_ORIGIN = PadPose((0.0, 0.0, 0.0), IDENTITY)
 _NO_VEHICLE = VehiclePose((0.0, 0.0, -100.0), IDENTITY, (0.4, 0.3), 0.2)
@@ -93,7 +96,7 @@ Maker = Callable[[scenes.View, Target, np.random.Generator], U8]
 
 @dataclass(frozen=True)
 class Shot:
-    """One picture and where the pad truly is."""
+    """One picture, and the true pose of the pad."""
 
     image: U8
     view: scenes.View
@@ -104,16 +107,16 @@ class Shot:
 
 @dataclass(frozen=True)
 class Sensor:
-    """From light, white paper 1, to grey levels."""
+    """A sensor that turns light (1: white paper) into grey levels."""
 
     white: float = 0.75  # share of full scale that white paper gives, before the tone curve
     gamma: float = 1.0
-    noise: float = 3.0  # grey levels
-    jpeg: int | None = None
+    noise: float = 3.0  # standard deviation, grey levels
+    jpeg: int | None = None  # quality; None: not compressed
 
 
 def exposed(light: F64, sensor: Sensor, rng: np.random.Generator) -> U8:
-    """Return the picture of a light (height, width)."""
+    """Return the picture that a sensor makes of light (height, width)."""
     level = 255.0 * np.clip(light * sensor.white, 0.0, 1.0) ** (1.0 / sensor.gamma)
     noisy = level + rng.normal(0.0, sensor.noise, level.shape)
     image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
@@ -126,7 +129,7 @@ def exposed(light: F64, sensor: Sensor, rng: np.random.Generator) -> U8:
 def exact(
     sensor: Sensor, alter: Callable[[scenes.Optics, F64, np.random.Generator], scenes.Optics]
 ) -> Maker:
-    """Return a maker of exact pictures under altered optics on a sensor."""
+    """Return a maker of pictures by the tests' renderer, through altered optics, on a sensor."""
 
     def make(view: scenes.View, target: Target, rng: np.random.Generator) -> U8:
         optics = scenes.random_optics(rng)
@@ -145,7 +148,7 @@ def plainly(optics: scenes.Optics, _edge: F64, _rng: np.random.Generator) -> sce
 
 
 def moving(share: float) -> Callable[[scenes.Optics, F64, np.random.Generator], scenes.Optics]:
-    """Return a change that moves the image by a share of the ring's diameter, at most 15 px."""
+    """Return a change that adds motion by a share of the ring's diameter, at most 15 px."""
 
     def alter(optics: scenes.Optics, edge: F64, rng: np.random.Generator) -> scenes.Optics:
         size = float(np.ptp(edge, axis=0).max())
@@ -170,7 +173,7 @@ def with_leg(optics: scenes.Optics, edge: F64, rng: np.random.Generator) -> scen
 
 
 def simulated(camera: dict[str, Any], render: dict[str, Any], pad: dict[str, Any]) -> Maker:
-    """Return a maker of the simulator's pictures under these options."""
+    """Return a maker of the simulator's pictures by options of sim.camera, sim.render, sim.pad."""
     options = SimCameraOptions.model_validate(camera)
     worlds: dict[tuple[int, Target], Renderer] = {}
 
@@ -194,7 +197,8 @@ def simulated(camera: dict[str, Any], render: dict[str, Any], pad: dict[str, Any
             worlds[seed, target] = Renderer(print_, CAMERA, scene, seed, options, at)
         R = view.R_camera_pad.T
         middle = -R @ np.array(view.position)
-        # Against the view's own axes a rolling shutter's motion is across the rows and along them.
+        # During the readout the camera moves along its x axis, and so the image along its rows, by
+        # SKEW_PX.
         across = R[:, 0] * (SKEW_PX * view.position[2] / CAMERA.fx)
         still = _pose(middle, R)
         readout = None
@@ -215,6 +219,7 @@ def simulated(camera: dict[str, Any], render: dict[str, Any], pad: dict[str, Any
 
 
 def _pose(position: F64, R: F64) -> CameraPose:
+    """Return a pose from arrays (3,) and (3, 3)."""
     x, y, z = position.tolist()
     a, b, c = R.tolist()
     return CameraPose((x, y, z), (tuple(a), tuple(b), tuple(c)))
@@ -255,7 +260,15 @@ CONDITIONS: dict[str, Maker] = {
 
 
 def shots(name: str, of: str, images: int, seed: int, keep: Path | None) -> list[Shot]:
-    """Return the pictures of a line and a target, made or kept."""
+    """Return the pictures of a line, made now or read from a folder.
+
+    Args:
+        name: of the line.
+        of: name of the target.
+        images: number of pictures.
+        seed: of all that is random.
+        keep: folder in which pictures are kept; None: they are not.
+    """
     target = TARGETS[of]
     file = None if keep is None else keep / f"{of}-{name.replace(' ', '_')}-{images}.npz"
     if file is not None and file.is_file():
@@ -274,7 +287,7 @@ def shots(name: str, of: str, images: int, seed: int, keep: Path | None) -> list
             view = scenes.random_view(rng, CAMERA, distance, tilt, target.outlined)
         image = CONDITIONS[name](view, target, rng)
         if name == ROLLING:
-            # Where the pad is as the row of its ring is exposed.
+            # The truth is the pad's position while the row of its centre is exposed.
             row = (CAMERA.pixels(np.array([view.position]))[0, 1] - 239.5) / CAMERA.height
             x, y, z = view.position
             view = scenes.View((x - row * SKEW_PX * z / CAMERA.fx, y, z), view.R_camera_pad)
@@ -295,21 +308,28 @@ def shots(name: str, of: str, images: int, seed: int, keep: Path | None) -> list
 
 @dataclass
 class Line:
-    """What happened to the pictures of a line."""
+    """What was found in the pictures of a line."""
 
     images: int = 0
     found: int = 0
-    false: int = 0
-    inside: int = 0
-    stages: dict[str, int] = field(default_factory=dict)
-    missed: dict[int, int] = field(default_factory=dict)  # by range
-    errors: list[float] = field(default_factory=list)  # share of the range
-    ms: list[float] = field(default_factory=list)
+    false: int = 0  # pictures in which something else was taken for the pad
+    inside: int = 0  # errors within the stated 95 % region
+    stages: dict[str, int] = field(default_factory=dict)  # number found by each stage
+    missed: dict[int, int] = field(default_factory=dict)  # number not found, by range, m
+    errors: list[float] = field(default_factory=list)  # of the centre, over the range
+    ms: list[float] = field(default_factory=list)  # times of searches
 
     def add(
         self, poses: tuple[PoseSolution, ...], stage: str, view: scenes.View, ms: float
     ) -> None:
-        """Count one picture with the poses of what was taken for the pad, best first."""
+        """Count one picture.
+
+        Args:
+            poses: of what was taken for the pad, best first; empty: nothing was.
+            stage: that found it.
+            view: the truth.
+            ms: time of the search.
+        """
         self.images += 1
         self.ms.append(ms)
         truth = np.array(view.position)
@@ -337,7 +357,7 @@ class Line:
 
 
 def looked(layout: PadLayout, made: list[Shot], options: VisionSection) -> Line:
-    """Look for a pad in each picture with nothing known; return what was found."""
+    """Search each picture for a pad with nothing known; return what was found."""
     line = Line()
     for shot in made:
         vision = Vision(layout, CAMERA, options)
@@ -350,7 +370,7 @@ def looked(layout: PadLayout, made: list[Shot], options: VisionSection) -> Line:
 
 
 def beside(made: list[Shot], target: Target, whycon: Path | None) -> str:
-    """Return the shares of pictures in which each peer that is there finds what it looks for."""
+    """Return the text of the percentages of pictures in which other detectors find their marker."""
     counts: dict[str, int] = {}
     for tag in target.pad.squares:
         for name, squares in peers.of_squares().items():

@@ -1,12 +1,13 @@
-"""What looking costs where no pad is, and how often one is seen there.
+"""Measures the time of searches in pictures without a pad, and the rate of false alarms.
 
     python -m bench.vision_negatives                       # made look-alikes
     python -m bench.vision_negatives FOLDER                # tiles of a folder's photographs
     python -m bench.vision_negatives FOLDER --tiles 2000   # as quoted
 
-Every tile, cut from a photograph at its own size, is searched with nothing known beforehand, as so
-many frames in a row: the first is searched thoroughly. Beside it the AprilTag 3 library
-(quad_decimate 2, one thread): pip install 'landerd[peers]'. Times are those of the processor.
+Every tile, cut from a photograph without resizing, is searched with nothing known beforehand, as
+several frames in a row, of which the first is searched thoroughly. Times are compared to those of
+the AprilTag 3 library (quad_decimate 2, one thread): pip install 'landerd[peers]'. All are CPU
+times.
 """
 
 import argparse
@@ -54,9 +55,9 @@ PADS = {
 
 
 def tiles(folder: Path, count: int) -> Iterator[tuple[str, U8]]:
-    """Yield about `count` tiles of a folder's pictures, the same number of each, and their names.
+    """Yield names and tiles from a folder's pictures, about `count` in all.
 
-    The places of the tiles in a picture are spread evenly.
+    Pictures have about the same number of tiles, which are spread evenly over a picture.
     """
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in PICTURES)
     each = max(1, -(-count // max(1, len(files))))
@@ -74,14 +75,14 @@ def tiles(folder: Path, count: int) -> Iterator[tuple[str, U8]]:
 
 
 def look_alikes(count: int, seed: int) -> Iterator[tuple[str, U8]]:
-    """Yield made pictures of what looks like a ring."""
+    """Yield kinds and rendered pictures of things that look like a ring."""
     ratio = scenes.THESIS_PAD.rings[0].inner_ratio
     made = scenes.hard_negatives(np.random.default_rng([seed, 99]), CAMERA, ratio)
     yield from islice(made, count)
 
 
 def timed_ms(work: Callable[[], object]) -> float:
-    """Return the time of a call, the lesser of two."""
+    """Return the CPU time of a call, ms: the lesser of two."""
     times = []
     for _ in range(2):
         at = time.process_time()
@@ -91,7 +92,11 @@ def timed_ms(work: Callable[[], object]) -> float:
 
 
 def searched(layout: PadLayout, image: U8, frames: int) -> tuple[list[float], int]:
-    """Return the time of each of so many frames of one tile, and in how many a pad was seen."""
+    """Search a tile as several frames in a row.
+
+    Returns:
+        the CPU time of each frame, ms, and the number of frames in which a pad was seen.
+    """
     vision = Vision(layout, CAMERA, VisionSection())
     times, alarms = [], 0
     for i in range(frames):
@@ -102,7 +107,7 @@ def searched(layout: PadLayout, image: U8, frames: int) -> tuple[list[float], in
 
 
 def line(name: str, times: list[float], peer: list[float]) -> str:
-    """Return a row: times and their ratios to the peer's on the same tile."""
+    """Return a row of the table: times, and their ratios to the peer's times on the same tiles."""
     ms, ratio = np.array(times), np.array(times) / np.array(peer)
     return (
         f"{name:>16} {np.median(ms):8.1f} {np.percentile(ms, 99):8.1f} {ms.max():8.1f}"

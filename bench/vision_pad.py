@@ -1,10 +1,11 @@
-"""The landing point of pads that are not quite as their file says, from made pictures.
+"""Errors of the landing point of pads that differ from their file, in rendered pictures.
 
     python -m bench.vision_pad --images 20            # single pictures, nothing known beforehand
     python -m bench.vision_pad --images 20 --approach # after six pictures on the way from 4 m
 
-Aside is the part of the error across the line of sight; inside counts the errors within the stated
-95 % of three dimensions; told counts the pictures in which landerd says that markers disagree.
+`aside` is the part of the error across the line of sight, `along` that along it; `inside` is the
+share of errors within the stated 95 % region in three dimensions; `told` is the share of pictures
+in which landerd says that markers disagree.
 """
 
 import argparse
@@ -25,22 +26,23 @@ from landerd.vision.pose import mat3
 from tests.vision import scenes
 
 PAD, CAMERA = scenes.THESIS_PAD, scenes.THESIS_CAMERA
-CHI2_95 = 7.815  # three degrees of freedom
+CHI2_95 = 7.815  # 95 % quantile of chi-square with three degrees of freedom
 DISTANCES = (0.7, 1.0, 2.0, 4.0, 7.0, 10.0)
-MOST_DEG = 45.0  # between sight and the pad's normal
+MOST_DEG = 45.0  # largest angle between the line of sight and the pad's normal
 AT = PadPose((0.0, 0.0, 0.0), IDENTITY)
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What is wrong with pad or lens."""
+    """A difference of pad or lens from their files."""
 
     name: str
     pad: PadOptions
-    focal: float = 1.0  # true over calibrated
+    focal: float = 1.0  # true focal length over the calibrated one
 
 
 def _pad(**changes: float) -> PadOptions:
+    """Return options of a pad at the origin with some changes."""
     return PadOptions(position_m=(0.0, 0.0)).model_copy(update=changes)
 
 
@@ -58,11 +60,11 @@ KINDS = (
 class Cell:
     """Errors of the pictures of one kind at one distance."""
 
-    aside_mm: list[float]
-    along_mm: list[float]
-    inside: int = 0
+    aside_mm: list[float]  # across the line of sight
+    along_mm: list[float]  # along it, absolute
+    inside: int = 0  # number within the stated 95 % region
     images: int = 0
-    told: int = 0
+    told: int = 0  # number of pictures in which landerd says that markers disagree
 
     def line(self) -> str:
         """Return the table's columns."""
@@ -78,7 +80,13 @@ class Cell:
 
 
 def view_at(distance: float, tilt: float, rng: np.random.Generator) -> scenes.View:
-    """Return a view of the pad from a distance (m) at an angle (rad), it lying about the middle."""
+    """Return a random view of the pad near the image's centre.
+
+    Args:
+        distance: of the pad, m.
+        tilt: angle between the line of sight and the pad's normal, rad.
+        rng: of everything else.
+    """
     return scenes.look(
         CAMERA,
         distance,
@@ -90,7 +98,15 @@ def view_at(distance: float, tilt: float, rng: np.random.Generator) -> scenes.Vi
 
 
 def measure(kind: Kind, distance: float, images: int, *, approach: bool, verbose: bool) -> Cell:
-    """Measure one cell."""
+    """Return what was measured in pictures of one kind at one distance.
+
+    Args:
+        kind: of pad and lens.
+        distance: of the pad, m.
+        images: number of pictures.
+        approach: whether each picture is the last of seven on the way from 4 m.
+        verbose: whether to print what landerd says of disagreements.
+    """
     camera = replace(CAMERA, fx=kind.focal * CAMERA.fx, fy=kind.focal * CAMERA.fy)
     rng = np.random.default_rng(7)
     cell = Cell([], [])

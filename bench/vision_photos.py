@@ -1,22 +1,22 @@
-"""Markers found in photographs, over those asked for, beside other detectors.
+"""Measures how many of the markers in photographs landerd finds, and how many other detectors do.
 
     python -m bench.vision_photos FOLDER MANIFEST.tsv
     python -m bench.vision_photos FOLDER MANIFEST.tsv --whycon PROGRAM --verbose
 
-MANIFEST is a table with tabs and these columns; a row is one marker that an eye sees.
+MANIFEST is a table with tabs and these columns; a row is one marker that a person sees.
 
     file    name in FOLDER
     kind    whycon, none (a picture in which no ring of this ratio may be found), or a dictionary
             as in a pad file: APRILTAG_36h11, 4X4_50, ...
-    what    inner over outer diameter of the print, stated beforehand; or the square's id
-    x, y    its middle, px; empty: anywhere
+    what    inner over outer diameter of the printed ring, which detectors are told; or the id
+    x, y    its centre, px; empty: anywhere
     size    its larger diameter or its side, px; empty: any
     group   under which it is counted; empty: kind
 
-The lens is not known: its focal length is taken to be --focal times the width. Beside landerd stand
-OpenCV and, where it is installed, the AprilTag 3 library (both at the picture's own size), and for
-rings any PROGRAM that prints "x y" of each ring when called with a grey picture (PGM), the ratio of
-the print and the most rings to look for (the original WhyCon).
+The lens is unknown: its focal length is assumed to be --focal times the width. For comparison there
+are OpenCV and, if installed, the AprilTag 3 library (both at the picture's own size), and for rings
+any PROGRAM that prints "x y" of each ring when called with a grey picture (PGM), the ratio of the
+print and the largest number of rings (like the original WhyCon).
 """
 
 import argparse
@@ -45,43 +45,47 @@ from landerd.vision.whycon import find_rings
 U8 = NDArray[np.uint8]
 
 _PLATE = Plate(north_m=1.0, south_m=1.0, east_m=1.0, west_m=1.0)
-_SAME_MIDDLE, _SAME_SIZE = 0.35, 1.4  # of what is asked for: share of its size, and a factor
-_MOST_SEARCHES, _SQUARE_SEARCHES = 40, 16  # of a still
-_MOST_RINGS = 10  # that a program is asked for
+# Largest distance of centres, over the size, and largest ratio of sizes, with which a marker found
+# counts as the one asked for.
+_SAME_MIDDLE, _SAME_SIZE = 0.35, 1.4
+# Number of searches of a picture: at most for rings, and for squares.
+_MOST_SEARCHES, _SQUARE_SEARCHES = 40, 16
+_MOST_RINGS = 10  # largest number of rings that a program may find
 
 
 @dataclass(frozen=True)
 class Asked:
-    """A marker that an eye sees in a picture, or a ring that must not be found."""
+    """A row of the manifest: a marker that a person sees, or a ring that must not be found."""
 
     file: str
     kind: str
     what: str
-    at: tuple[float, float] | None
-    size: float | None
+    at: tuple[float, float] | None  # centre, px; None: anywhere
+    size: float | None  # px; None: any
     group: str
 
 
 @dataclass(frozen=True)
 class Seen:
-    """A marker that a detector sees: id of a square, middle and, where it is told, size, px."""
+    """A marker that a detector found."""
 
-    id: int | None
-    at: tuple[float, float]
-    size: float | None
+    id: int | None  # of a square
+    at: tuple[float, float]  # centre, px
+    size: float | None  # px; None: the detector does not report it
 
 
-Detector = Callable[[U8, list[Asked]], list[Seen] | None]  # None: not what it looks for
+# Finds markers of the kind of rows in a picture; None: it does not look for that kind.
+Detector = Callable[[U8, list[Asked]], list[Seen] | None]
 
 
 @dataclass
 class Count:
-    """Of a group and a detector."""
+    """What one detector found of one group."""
 
     asked: int = 0
     found: int = 0
     false: int = 0
-    ms: list[float] = field(default_factory=list)
+    ms: list[float] = field(default_factory=list)  # CPU times of pictures
 
 
 def manifest(path: Path) -> list[Asked]:
@@ -105,12 +109,12 @@ def manifest(path: Path) -> list[Asked]:
 
 
 def is_ring(asked: Asked) -> bool:
-    """Tell whether a ring is looked for."""
+    """Tell whether a row is about rings."""
     return asked.kind in ("whycon", "none")
 
 
 def is_same(seen: Seen, asked: Asked) -> bool:
-    """Tell whether what is seen is what was asked for."""
+    """Tell whether a marker found is the one of a row."""
     if not is_ring(asked) and seen.id != int(asked.what):
         return False
     if asked.size is not None and seen.size is not None:
@@ -124,7 +128,7 @@ def is_same(seen: Seen, asked: Asked) -> bool:
 
 
 def landerd(focal: float) -> Detector:
-    """Return landerd's own detector for lenses of a focal length in widths."""
+    """Return landerd's detector for lenses of a focal length, which is given in widths."""
 
     def detect(image: U8, asked: list[Asked]) -> list[Seen]:
         h, w = image.shape
@@ -150,7 +154,7 @@ def _kind(dictionary: str) -> Literal["apriltag", "aruco"]:
 
 
 def _rings(image: U8, ring: Ring, camera: CameraModel) -> list[MarkerSighting]:
-    """Return the rings of a still: a search that is cut goes on, as in a film's next picture."""
+    """Return the rings in a picture; a search that is cut short goes on as in the next frame."""
     work = RingWork()
     found = find_rings(image, ring, camera, work=work)
     for _ in range(_MOST_SEARCHES):
@@ -161,7 +165,7 @@ def _rings(image: U8, ring: Ring, camera: CameraModel) -> list[MarkerSighting]:
 
 
 def _squares(image: U8, pad: PadLayout, camera: CameraModel) -> list[MarkerSighting]:
-    """Return the squares of a still: each search of texture looks in another way."""
+    """Return the squares in a picture by several searches, each of which looks differently."""
     vision = Vision(pad, camera, VisionSection())
     seen: list[MarkerSighting] = []
     for k in range(_SQUARE_SEARCHES):
@@ -170,7 +174,7 @@ def _squares(image: U8, pad: PadLayout, camera: CameraModel) -> list[MarkerSight
 
 
 def of_squares(find: Callable[[U8, str], peers.Squares | None]) -> Detector:
-    """Return a detector of squares; of rings it knows nothing."""
+    """Return a detector of squares from a function that finds those of a dictionary."""
 
     def detect(image: U8, asked: list[Asked]) -> list[Seen] | None:
         squares = None if is_ring(asked[0]) else find(image, asked[0].kind)
@@ -180,7 +184,7 @@ def of_squares(find: Callable[[U8, str], peers.Squares | None]) -> Detector:
 
 
 def original_whycon(program: Path) -> Detector:
-    """Return a program that finds rings."""
+    """Return a detector of rings that calls a program."""
 
     def detect(image: U8, asked: list[Asked]) -> list[Seen] | None:
         if not is_ring(asked[0]):
@@ -192,6 +196,7 @@ def original_whycon(program: Path) -> Detector:
 
 
 def _seen(number: int | None, outline: NDArray[np.floating]) -> Seen:
+    """Return what a detector found, from an outline (n, 2), px."""
     low, high = outline.min(axis=0), outline.max(axis=0)
     x, y = (0.5 * (low + high)).tolist()
     if number is None:
@@ -203,7 +208,14 @@ def _seen(number: int | None, outline: NDArray[np.floating]) -> Seen:
 def counted(
     folder: Path, rows: list[Asked], detectors: dict[str, Detector], *, verbose: bool
 ) -> dict[tuple[str, str], Count]:
-    """Look for all that is asked; return the counts by group and detector."""
+    """Run all detectors on all rows; return the counts by group and detector.
+
+    Args:
+        folder: of the pictures.
+        rows: of the manifest.
+        detectors: by name.
+        verbose: whether to print what was missed, and false alarms.
+    """
     together: dict[tuple[str, str, str], list[Asked]] = defaultdict(list)
     for row in rows:
         together[row.file, row.kind, row.what if is_ring(row) else ""].append(row)

@@ -1,11 +1,11 @@
-"""WhyCon rings against made images: detection, error, flips, honesty of sigma and time.
+"""Detection rate, errors, flips, stated sigmas and time of WhyCon rings in rendered images.
 
     python -m bench.vision_ring --images 20            # the table of distances and angles
-    python -m bench.vision_ring --images 20 --tracking # the same with a window known within 5 %
+    python -m bench.vision_ring --images 20 --tracking # the same, with a position within 5 %
     python -m bench.vision_ring --only shadow,motion,negatives
 
-Every image is made anew from the seed. The Cramér-Rao bound is that of a known optics with
-unknown grey levels and blur, computed from the same view (see `bound_m`).
+All images are made from the seed. The Cramér-Rao bound is that for known optics, computed for the
+same view (see `bound_m`). A flip is a fit whose first solution is the wrong one.
 """
 
 import argparse
@@ -26,26 +26,26 @@ from tests.vision import scenes
 
 DISTANCES = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 12.0, 15.0, 18.0, 20.0, 25.0, 30.0, 40.0)
 ANGLES = (0, 30, 45, 60, 70)
-CHI2_95 = 7.815  # three degrees of freedom
+CHI2_95 = 7.815  # 95 % quantile of chi-square with three degrees of freedom
 RING = scenes.THESIS_PAD.rings[0]
 CAMERA = scenes.THESIS_CAMERA
 
 
 @dataclass
 class Cell:
-    """What happened to the images of one kind."""
+    """What was found in the images of one kind."""
 
     images: int = 0
     found: int = 0
-    false: int = 0
-    flips: int = 0
-    inside: int = 0
-    errors_mm: list[float] = field(default_factory=list)
-    bounds_mm: list[float] = field(default_factory=list)
-    ms: list[float] = field(default_factory=list)
+    false: int = 0  # sightings of something else
+    flips: int = 0  # sightings with the wrong solution first
+    inside: int = 0  # errors within the stated 95 % region
+    errors_mm: list[float] = field(default_factory=list)  # of the position
+    bounds_mm: list[float] = field(default_factory=list)  # Cramér-Rao bounds of these errors
+    ms: list[float] = field(default_factory=list)  # times of searches
 
     def add(self, sightings: list[MarkerSighting], view: scenes.View, ms: float) -> None:
-        """Count one image."""
+        """Count one image with its sightings, truth, and time of the search, ms."""
         self.images += 1
         self.ms.append(ms)
         truth = np.array(view.position)
@@ -103,12 +103,17 @@ HEAD = (
 
 
 def bound_m(view: scenes.View, camera: CameraModel, ring: Ring) -> float:
-    """Return the Cramér-Rao bound of the position error's rms, m.
+    """Return the Cramér-Rao bound of the rms error of a ring's position, m.
 
-    An edge of contrast A between levels, blur s and noise sigma tells the offset of each pixel
-    length of it to a variance of 2 sqrt(pi) s (sigma / A)^2. The
-    five parameters of the pose move the outline; the information of both edges adds up. Unknown
-    levels and blur cost no more than a few per cent and are left out.
+    The offset of an edge with a contrast A, a blur s and noise sigma has a variance of
+    2 sqrt(pi) s (sigma / A)^2 for each pixel of its length. The five parameters of the pose move
+    the outline, and the information of both edges adds up. Levels and blur are taken as known:
+    unknown ones raise the bound by only a few per cent.
+
+    Args:
+        view: true pose of the pad.
+        camera: the lens.
+        ring: its size and ratio.
     """
     optics = scenes.Optics()
     contrast, blur = optics.white - optics.black, math.hypot(optics.blur_px, 0.289)
@@ -135,6 +140,11 @@ def bound_m(view: scenes.View, camera: CameraModel, ring: Ring) -> float:
 def _outline(
     view: scenes.View, camera: CameraModel, radius: float, change: NDArray[np.float64]
 ) -> NDArray[np.float64]:
+    """Return points (n, 2), px, of a circle of the pad after a small change of its pose.
+
+    The change (5,) is that of the position, camera frame, m, and of the tilt about the pad's
+    axes, rad.
+    """
     a = np.linspace(0.0, 2.0 * math.pi, 180, endpoint=False)
     R, rest = view.R_camera_pad, np.hypot(change[3], change[4])
     p = np.stack([np.cos(a), np.sin(a), np.zeros_like(a)]) * radius
@@ -152,7 +162,16 @@ def run_cell(
     tracking: bool,
     alter: Callable[[scenes.Optics, scenes.View], scenes.Optics] | None = None,
 ) -> Cell:
-    """Make, search and count the images of one distance (m) and angle (degrees)."""
+    """Make, search and count the images of one distance and angle.
+
+    Args:
+        images: number of images.
+        rng: of all that is random.
+        distance: of the pad, m.
+        angle: between the line of sight and the pad's normal, degrees.
+        tracking: whether the position is known within 5 % of the distance.
+        alter: changes the optics of each image; None: nothing does.
+    """
     cell = Cell()
     for i in range(images):
         view = scenes.random_view(
@@ -174,7 +193,7 @@ def run_cell(
 
 
 def _window(view: scenes.View, distance: float, rng: np.random.Generator) -> tuple[Window, float]:
-    """Return window and expected size when the position is known to 5 % of the distance."""
+    """Return window and expected diameter, px, for a position within 5 % of the distance."""
     off = rng.normal(0.0, 0.05 / math.sqrt(3.0) * distance, 3)
     off *= min(1.0, 0.05 * distance / float(np.linalg.norm(off)))
     centre = np.array(view.position) + off
@@ -185,7 +204,7 @@ def _window(view: scenes.View, distance: float, rng: np.random.Generator) -> tup
 
 
 def shadowed(rng: np.random.Generator) -> Callable[[scenes.Optics, scenes.View], scenes.Optics]:
-    """Return a change that lays a shadow's edge across the ring."""
+    """Return a change that puts a shadow's edge across the ring."""
 
     def alter(optics: scenes.Optics, view: scenes.View) -> scenes.Optics:
         edge = scenes.outline(view, CAMERA, RING)
@@ -248,7 +267,7 @@ def print_grid(images: int, seed: int, tracking: bool, distances: str, angles: s
 
 
 def print_disturbed(name: str, px: float, images: int, seed: int, tracking: bool) -> None:
-    """Print rows of images with a shadow's edge across the ring, or moving by so many pixels."""
+    """Print rows of images with a shadow's edge across the ring, or with motion by `px` pixels."""
     rng = np.random.default_rng([seed, 77, round(px)])
     total = Cell()
     for d in (2.0, 5.0, 10.0, 15.0):

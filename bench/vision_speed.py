@@ -1,7 +1,7 @@
-"""How long vision takes, beside the AprilTag 3 library in the same run.
+"""Compares the time of vision to that of the AprilTag 3 library in the same run.
 
-A pad with ring and tag is seen from several distances while the image drifts by a few pixels a
-frame. Times are medians over frames, each the least of a few repeats, on one core; ratios are to
+A pad with ring and tag is seen from several distances while the image drifts by a few pixels per
+frame. Times are medians over frames, each the least of a few repeats, on one core. Ratios are to
 pupil-apriltags on the full frame (quad_decimate 2, one thread): pip install 'landerd[peers]'.
 """
 
@@ -22,16 +22,16 @@ from landerd.vision import Vision
 from tests.vision import scenes
 
 DISTANCES = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0)
-FRAMES = 12
-REPEATS = 3
-DRIFT_PX = 2.0
+FRAMES = 12  # at each distance
+REPEATS = 3  # of each measurement, of which the least time counts
+DRIFT_PX = 2.0  # per frame, at a width of 640 px
 FRAME_S = 1 / 30
 
 U8 = NDArray[np.uint8]
 
 
 def sequence(camera: CameraModel, distance: float) -> list[tuple[U8, scenes.View]]:
-    """Return frames of a pad that drifts through the image, and where it truly is."""
+    """Return frames of a pad that drifts through the image, each with the true view."""
     rng = np.random.default_rng(7)
     k = camera.width / 640
     frames = []
@@ -44,7 +44,7 @@ def sequence(camera: CameraModel, distance: float) -> list[tuple[U8, scenes.View
 
 
 def least_ms(make: Callable[[], Callable[[], object]]) -> float:
-    """Return the least time of a few calls of what is made anew for each."""
+    """Return the least time of a few calls, ms; `make` makes a new function for each call."""
     times = []
     for _ in range(REPEATS):
         work = make()
@@ -55,7 +55,7 @@ def least_ms(make: Callable[[], Callable[[], object]]) -> float:
 
 
 def prior_of(view: scenes.View, rng: np.random.Generator) -> Prior:
-    """Return what the estimate would know: the pad to a hundredth of its distance."""
+    """Return the prior of a pad whose position is known to about a hundredth of its distance."""
     position = np.array(view.position)
     off = rng.normal(0.0, 0.002 * float(np.linalg.norm(position)), 3)
     x, y, z = (position + off).tolist()
@@ -64,7 +64,7 @@ def prior_of(view: scenes.View, rng: np.random.Generator) -> Prior:
 
 
 def tracking_ms(camera: CameraModel, frames: list[tuple[U8, scenes.View]]) -> list[float]:
-    """Return the time of each frame but the first with the pad in track."""
+    """Return the time of each frame but the first while the pad is tracked, ms."""
     runs = []
     for _ in range(REPEATS):
         rng = np.random.default_rng(3)
@@ -82,7 +82,7 @@ def tracking_ms(camera: CameraModel, frames: list[tuple[U8, scenes.View]]) -> li
 
 
 def searching_ms(camera: CameraModel, image: U8) -> float:
-    """Return the time of a full search with nothing known."""
+    """Return the time of a full search with nothing known, ms."""
 
     def fresh() -> Callable[[], object]:
         vision = Vision(scenes.THESIS_PAD, camera, VisionSection())
@@ -92,7 +92,7 @@ def searching_ms(camera: CameraModel, image: U8) -> float:
 
 
 def peer_ms(detect: Callable[[U8], object], image: U8) -> float:
-    """Return the time of the peer's search of a full frame."""
+    """Return the time of the peer's search of a full frame, ms."""
     return least_ms(lambda: lambda: detect(image))
 
 

@@ -1,8 +1,9 @@
-"""How far, how truly and how fast the pad's square is seen: one row per distance and angle.
+"""Detection rate, errors, stated sigmas and time of the pad's square in rendered images.
 
-Renders the thesis's pad exactly, searches every image with nothing known but gravity, once more as
-the next frame, and with the AprilTag 3 library beside it where pupil-apriltags is installed
-(pip install pupil-apriltags; full frame, quad_decimate 2). One core.
+There is a row for each distance and angle. Images of the thesis's pad are rendered exactly. Each is
+searched with only gravity known, once more as the next frame, and, if pupil-apriltags is installed
+(pip install pupil-apriltags), by the AprilTag 3 library (full frame, quad_decimate 2). One core is
+used.
 """
 
 import argparse
@@ -27,8 +28,9 @@ from tests.vision.scenes import THESIS_CAMERA, THESIS_PAD, View, look, random_op
 CAMERA, PAD = THESIS_CAMERA, THESIS_PAD
 SQUARE = PAD.squares[0]
 PLACE = np.array([*SQUARE.position_m, 0.0])
+# A normal with a larger error is that of the other solution of the planar ambiguity.
 FLIPPED = math.cos(math.radians(20.0))
-CHI2_3_AT_95 = 7.815
+CHI2_3_AT_95 = 7.815  # 95 % quantile of chi-square with three degrees of freedom
 
 Search = Callable[[np.ndarray], F64 | None]
 
@@ -38,18 +40,18 @@ class Cell:
     """What was measured at one distance and angle."""
 
     images: int = 0
-    errors_m: list[float] = field(default_factory=list)
-    yaws_deg: list[float] = field(default_factory=list)
-    flips: int = 0
+    errors_m: list[float] = field(default_factory=list)  # of the position
+    yaws_deg: list[float] = field(default_factory=list)  # absolute errors of yaw
+    flips: int = 0  # sightings with the wrong solution first
     inside: int = 0  # position errors inside the stated 95 % region
     inside_yaw: int = 0  # yaw errors inside 1.96 sigma
-    full_s: list[float] = field(default_factory=list)
-    next_s: list[float] = field(default_factory=list)
-    peer_errors_m: list[float] = field(default_factory=list)
+    full_s: list[float] = field(default_factory=list)  # CPU times of first frames
+    next_s: list[float] = field(default_factory=list)  # CPU times of next frames
+    peer_errors_m: list[float] = field(default_factory=list)  # the AprilTag 3 library's
     peer_s: list[float] = field(default_factory=list)
 
     def add(self, seen: MarkerSighting, truth: F64, R: F64) -> None:
-        """Score one sighting against the marker's true position and axes."""
+        """Add one sighting with the marker's true position (3,), m, and rotation (3, 3)."""
         best = seen.solutions[0]
         assert best.north is not None
         assert best.sigma_yaw is not None
@@ -86,6 +88,7 @@ def main() -> None:
 def _measure(
     cell: Cell, distance: float, angle: float, rng: np.random.Generator, peer: Search | None
 ) -> None:
+    """Make one image, search it, and add the results to a cell."""
     view = _view(rng, distance, angle)
     R = view.R_camera_pad
     truth = np.array(view.position) + R @ PLACE
@@ -112,7 +115,7 @@ def _measure(
 
 
 def _view(rng: np.random.Generator, distance: float, angle: float) -> View:
-    """Return a random view with the whole square in the image."""
+    """Return a random view at a distance, m, and angle, rad, with the whole square in the image."""
     while True:
         pixel = (rng.uniform(0, CAMERA.width), rng.uniform(0, CAMERA.height))
         heading, towards = rng.uniform(0, 2 * math.pi, 2)
@@ -129,6 +132,7 @@ def _view(rng: np.random.Generator, distance: float, angle: float) -> View:
 
 
 def _peer() -> Search | None:
+    """Return the AprilTag 3 library's search for the square; None: it is not installed."""
     try:
         library = peers.AprilTag3(quad_decimate=2.0)
     except ImportError:
@@ -142,6 +146,7 @@ def _peer() -> Search | None:
 
 
 def _row(distance: float, angle: float, cell: Cell) -> str:
+    """Return a row of the table."""
     n, found = cell.images, max(1, len(cell.errors_m))
 
     def at(values: list[float], percent: float, unit: float = 1.0) -> float:

@@ -1,10 +1,10 @@
-"""WhyCodes against made images: how often they are read, rightly, and how true pose and north are.
+"""Rates of right and wrong readings, and errors of pose and north, of WhyCodes in rendered images.
 
     python -m bench.vision_whycode                 # one 1 m code of 6 bits, small cells
     python -m bench.vision_whycode --images 200    # as quoted
 
-Every third image of a cell carries another number than the pad's: what is then reported is a wrong
-id. Nothing is known beforehand, gravity neither.
+Every third image of a cell shows another number than the pad's: whatever is reported then is wrong.
+Nothing is known beforehand, not even gravity.
 """
 
 import argparse
@@ -22,21 +22,22 @@ from landerd.vision import Vision
 from tests.vision import scenes
 
 CAMERA = scenes.THESIS_CAMERA
+# A normal with a larger error is that of the other solution.
 FLIPPED = math.cos(math.radians(20.0))
 
 
 @dataclass
 class Cell:
-    """What happened to the images of one distance and angle."""
+    """What was read in the images of one distance and angle."""
 
-    images: int = 0  # with the pad's number
-    read: int = 0
+    images: int = 0  # images of the pad's number
+    read: int = 0  # sightings in them
     wrong: int = 0  # images of another number in which the pad's was reported
     others: int = 0  # images of another number
-    flips: int = 0
-    errors_mm: list[float] = field(default_factory=list)
-    yaws_deg: list[float] = field(default_factory=list)
-    ms: list[float] = field(default_factory=list)
+    flips: int = 0  # sightings with the wrong solution first
+    errors_mm: list[float] = field(default_factory=list)  # of the position
+    yaws_deg: list[float] = field(default_factory=list)  # absolute errors of north
+    ms: list[float] = field(default_factory=list)  # CPU times of searches
 
     def line(self) -> str:
         """Return the table's columns."""
@@ -52,14 +53,22 @@ class Cell:
 
 
 def pad(number: int, bits: int) -> PadLayout:
-    """Return a pad with one code of 1 m."""
+    """Return a pad with one WhyCode of 1 m, with a number of some bits."""
     code = WhyCode(kind="whycode", outer_diameter_m=1.0, bits=bits, id=number)
     plate = Plate(north_m=0.62, south_m=0.62, east_m=0.62, west_m=0.62)
     return PadLayout(name="code", markers=(code,), plate=plate)
 
 
 def run_cell(images: int, bits: int, distance: float, angle: float, seed: int) -> Cell:
-    """Make, search and count the images of one distance (m) and angle (degrees)."""
+    """Make, search and count the images of one cell.
+
+    Args:
+        images: number of images of the pad's number, about.
+        bits: of the numbers.
+        distance: of the pad, m.
+        angle: between the line of sight and the pad's normal, degrees.
+        seed: of all that is random.
+    """
     rng = np.random.default_rng([seed, bits, round(distance * 10), round(angle)])
     ids = whycode_ids(bits)
     cell = Cell()
