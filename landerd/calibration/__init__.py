@@ -1,1 +1,1 @@
-"""Calibration of cameras from views of a board."""
+"""Calibration of cameras, gimbals and vehicles, and bench tests before the first flight."""

@@ -1,4 +1,7 @@
-"""Gimbal, camera and autopilot of a vehicle that stands still: their data, and orders to them."""
+"""Gimbal, camera and autopilot of a vehicle that stands still: their messages, and orders to them.
+
+The calibration of gimbals (`gimbal_motion`) and bench tests (`marks`) use it.
+"""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
@@ -9,23 +12,25 @@ from landerd.messages import Attitude, GimbalCommand, GimbalState, Heartbeat
 from landerd.ports import Autopilot, Camera, Gimbal
 from landerd.runtime.daemon import Devices
 
-REST_S = 1.2  # from an order until the camera stands still,
-REST_UNMEASURED_S = 6.0  # and where nobody measures whether it still creeps
-_ORDER_S = 0.025  # orders come as often as in flight
-_HEARD_WITHIN_S = 5.0  # until autopilot and gimbal must have been heard
+# Time from an order until the camera stands still: of a gimbal that measures its angles, and of one
+# that does not, and may still creep.
+REST_S = 1.2
+REST_UNMEASURED_S = 6.0
+_ORDER_S = 0.025  # period of orders, as in flight
+_HEARD_WITHIN_S = 5.0  # longest time until autopilot and gimbal have sent messages
 
 
 class Refused(Exception):
-    """The calibration cannot be done like this; the text says why in one line."""
+    """The calibration or test cannot be done like this; the text says why in one line."""
 
 
 class Bench:
-    """The devices of a vehicle on a bench, opened and listened to; the vehicle is disarmed.
+    """The devices of a disarmed vehicle on a bench, and their messages.
 
     Attributes:
-        states: of the gimbal, all that it told.
-        orders: time (s), yaw and pitch (rad) of all that was ordered.
-        attitude: the newest that the autopilot told; None: none yet.
+        states: all reports of the gimbal.
+        orders: all orders to the gimbal: time (s), yaw and pitch (rad).
+        attitude: the newest from the autopilot; None: none yet.
     """
 
     def __init__(
@@ -35,12 +40,13 @@ class Bench:
         with_autopilot: bool,
         heard: Callable[[GimbalState | Attitude], None] = lambda _: None,
     ) -> None:
-        """Take the devices, closed.
+        """Take the devices, which are still closed.
 
         Args:
             devices: of the vehicle.
-            with_autopilot: whether it has to be heard, disarmed; else the airframe stands level.
-            heard: told of every message of gimbal and autopilot.
+            with_autopilot: whether the autopilot must be heard, and be disarmed; else there is
+                none, and the airframe must stand level.
+            heard: called with every report of the gimbal and attitude from the autopilot.
         """
         self.devices = devices
         self.states: list[GimbalState] = []
@@ -53,11 +59,11 @@ class Bench:
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[None]:
-        """Open the devices and hear them; at the end the gimbal turns to where it was.
+        """Open the devices until the context is left; the gimbal then turns to where it was.
 
         Raises:
             DeviceLost: a device is gone.
-            Refused: nothing is heard, or the vehicle is armed.
+            Refused: a device sends nothing, or the vehicle is armed.
         """
         devices = self.devices
         opened: list[Camera | Gimbal | Autopilot] = [devices.gimbal, devices.camera]
@@ -83,7 +89,7 @@ class Bench:
 
     @asynccontextmanager
     async def ordering(self, target: Callable[[float], GimbalCommand]) -> AsyncIterator[None]:
-        """Order the gimbal to a target by time (s), again and again, until the context is left."""
+        """Send orders to the gimbal until the context is left; `target` gives them by time, s."""
         task = asyncio.create_task(self._order(target))
         try:
             yield
@@ -91,7 +97,7 @@ class Bench:
             task.cancel()
 
     def check(self) -> None:
-        """Raise what ended a task, or Refused if the vehicle is armed."""
+        """Raise the exception that ended a task, or Refused if the vehicle is armed."""
         for task in self._tasks:
             if task.done():
                 task.result()
@@ -110,7 +116,7 @@ class Bench:
     # ---- what is heard -------------------------------------------------------------------------
 
     async def _hear(self) -> None:
-        """Wait until gimbal and autopilot are heard."""
+        """Wait until gimbal and autopilot have sent messages. Raises Refused."""
         loop = asyncio.get_running_loop()
         end = loop.time() + _HEARD_WITHIN_S
         while loop.time() < end and not (self.states and self._disarmed is not None):
@@ -140,6 +146,7 @@ class Bench:
                 self._heard(message)
 
     async def _beat(self) -> NoReturn:
+        """Send heartbeats to the autopilot, as it expects of a companion computer."""
         while True:
             self.devices.autopilot.heartbeat()
             await asyncio.sleep(1.0)

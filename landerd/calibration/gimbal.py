@@ -41,13 +41,14 @@ class GimbalCalibration:
 def calibrate(
     measured: Measured, *, tables: bool, turns: bool, aside_m: float
 ) -> tuple[GimbalCalibration | None, list[str]]:
-    """Return the calibration, and the reasons not to fly with it; none: it is good.
+    """Return the calibration, and the reasons not to fly with it; empty: it is good.
 
     Args:
         measured: views and delays.
-        tables: the axes are servos with tables instead of zeros.
-        turns: there is a yaw axis, or a zero for it.
-        aside_m: how far to the right of the gimbal's pivot straight ahead is.
+        tables: whether the axes are servos, with tables instead of zeros.
+        turns: whether there is a yaw axis, or a zero for it.
+        aside_m: distance of the airframe's centre line, on which the pad lies, to the right of the
+            gimbal's pivot.
     """
     views = measured.views
     if len(views) < FEWEST_VIEWS:
@@ -105,6 +106,7 @@ def _uncertain(found: GimbalFit) -> list[str]:
 
 
 def _axis(name: AxisName, measured: Measured, *, tables: bool) -> Axis:
+    """Return the unknowns of an axis."""
     sign = measured.signs.get(name, 1)
     if not tables or name not in measured.signs:
         return Axis("shift", sign)
@@ -112,7 +114,7 @@ def _axis(name: AxisName, measured: Measured, *, tables: bool) -> Axis:
 
 
 def _rows(views: Sequence[View], name: AxisName) -> tuple[float, ...]:
-    """Return the reported angles, those of the same order merged to one."""
+    """Return the reported angles of all views, rad, ascending; nearly equal ones are averaged."""
     rows: list[list[float]] = []
     for angle in sorted(getattr(view, name) for view in views):
         if rows and angle - rows[-1][0] < _SAME_ANGLE:
@@ -144,6 +146,8 @@ def _scale_errors(measured: Measured, axes: dict[AxisName, Axis], aside_m: float
 
 
 def _result(measured: Measured, axes: dict[AxisName, Axis], found: GimbalFit) -> GimbalCalibration:
+    """Return the calibration from the least-squares solution."""
+
     def axis_result(name: AxisName, values: tuple[float, ...], sigma: float) -> AxisResult:
         axis = axes[name]
         table = tuple(zip(axis.at, values, strict=True)) if axis.kind == "table" else None
@@ -157,5 +161,6 @@ def _result(measured: Measured, axes: dict[AxisName, Axis], found: GimbalFit) ->
 
 
 def _monotonic(table: tuple[tuple[float, float], ...]) -> bool:
+    """Tell whether the true angles of a table only rise or only fall."""
     steps = np.diff([true for _, true in table])
     return bool(np.all(steps > 0.0) or np.all(steps < 0.0))

@@ -1,10 +1,10 @@
 """Fits a gimbal's mounting to views of a pad that lies still and level.
 
-Sought are the true angle of each axis behind the angle that the gimbal reports, and how the camera
-sits turned on the last axis. Where the pad lies, and how far the lens is from the axes, comes out
-beside it. The zero of the pitch is what makes the pad level, that of the yaw what brings it
-straight ahead; a turned camera shows as the axes that the pad seems to turn about. Weighted least
-squares, solved as Levenberg and Marquardt do.
+The unknowns are the true angle of each axis for the angle that the gimbal reports, and the rotation
+of the camera on the last axis; besides, the position of the pad and the distance of the lens from
+the axes. The zero of the pitch is determined by the pad being level, that of the yaw by its being
+straight ahead; the camera's rotation, by the axes about which the pad seems to turn. The fit is by
+weighted least squares (Levenberg-Marquardt).
 """
 
 import math
@@ -38,7 +38,7 @@ from landerd.messages import PoseSolution
 _LEVEL_SIGMA = math.radians(0.5)  # of pad and airframe
 _AHEAD_SIGMA_M = 0.01  # of the pad's middle sideways from straight ahead
 _CAMERA_SIGMA = math.radians(3.0)  # of the camera's rotation on the last axis
-_NOT_TURNED = 1e-6  # the same, rad, of one whose turn cannot be told from its axis's zero
+_NOT_TURNED = 1e-6  # the same, rad, if the rotation cannot be distinguished from an axis's zero
 _LEVER_SIGMA_M = 0.03  # of the lens's distance from the axes
 # Error of a pose by vision and the camera's calibration, in addition to the stated one.
 _BEARING_SIGMA = 1e-3  # rad
@@ -54,7 +54,7 @@ Kind = Literal["shift", "table", "none"]
 class View:
     """The pad in one picture, taken with the gimbal at rest."""
 
-    place: int  # of the pad: each is somewhere else
+    place: int  # number of the place in which the pad lay
     yaw: float  # as the gimbal reports, rad
     pitch: float
     roll: float
@@ -98,7 +98,7 @@ class GimbalFit:
     pitch_sigma: float
     camera_roll: float  # the camera on the last axis, to the right
     camera_yaw: float
-    error: float  # rms between where the pad was seen and where it should have been
+    error: float  # rms angle between directions in which the pad was seen and should have been
 
 
 def fit(views: Sequence[View], yaw: Axis, pitch: Axis, aside_m: float, *, turns: bool) -> GimbalFit:
@@ -108,8 +108,10 @@ def fit(views: Sequence[View], yaw: Axis, pitch: Axis, aside_m: float, *, turns:
         views: of pads that lie level and straight ahead; each with its north.
         yaw: the unknowns of the yaw axis.
         pitch: those of the pitch axis.
-        aside_m: how far to the right of the gimbal's pivot straight ahead is.
-        turns: any axis does; a camera that is bolted may as well be turned as its last axis.
+        aside_m: distance of the airframe's centre line, on which pads lie, to the right of the
+            gimbal's pivot.
+        turns: whether any axis turns; if none does, the camera's rotation cannot be distinguished
+            from the zero of its last axis, and is taken to be null.
     """
     problem = _Problem(views, yaw, pitch, aside_m, _CAMERA_SIGMA if turns else _NOT_TURNED)
     x, covariance = _least_squares(problem)
@@ -168,6 +170,7 @@ class _Problem:
 
     @staticmethod
     def _guess(axis: Axis, reported: float, true: float) -> F64:
+        """Return values of an axis for which one true angle is right."""
         zero = true - axis.sign * reported
         if axis.kind == "table":
             return axis.sign * np.array(axis.at) + zero
@@ -182,7 +185,7 @@ class _Problem:
         return matmul(rot_zxy(yaw, view.roll, pitch), R_gimbal_camera)
 
     def _seen(self, x: F64, view: View) -> tuple[Vec3, Mat3]:
-        """Return where the pad should be seen, m, and R_camera_pad."""
+        """Return the pad's expected position, camera frame, m, and its expected R_camera_pad."""
         R_camera_base = transpose(self._look(x, view))
         row = self._row[view.place]
         position = (float(x[row]), float(x[row + 1]), float(x[row + 2]))
@@ -197,7 +200,7 @@ class _Problem:
         return matmul(rot_zyx(yaw, pitch, roll), self._pads[place])
 
     def residuals(self, x: F64) -> F64:
-        """Return all residuals in units of their sigma."""
+        """Return all residuals, in units of their sigmas."""
         rest: list[float] = []
         for view, W in zip(self._views, self._weights, strict=True):
             position, R = self._seen(x, view)
@@ -223,7 +226,7 @@ class _Problem:
 
 
 def _least_squares(problem: _Problem) -> tuple[F64, F64]:
-    """Return the unknowns with the least squares and their covariance."""
+    """Return the least-squares solution and its covariance."""
     x, damping = problem.start, 1e-3
     rest = problem.residuals(x)
     cost = float(rest @ rest)
@@ -248,6 +251,7 @@ def _least_squares(problem: _Problem) -> tuple[F64, F64]:
 
 
 def _jacobian(problem: _Problem, x: F64, rest: F64) -> F64:
+    """Return the derivatives of the residuals by the unknowns, (residuals, unknowns)."""
     J, h = np.empty((len(rest), len(x))), 1e-6
     for i in range(len(x)):
         moved = x.copy()
@@ -257,6 +261,7 @@ def _jacobian(problem: _Problem, x: F64, rest: F64) -> F64:
 
 
 def _whitening(pad: PoseSolution) -> F64:
+    """Return the matrix (3, 3) that turns errors of a pad's position into units of sigma."""
     floor = (_BEARING_SIGMA * norm(pad.position)) ** 2
     covariance = np.array(pad.covariance) + floor * np.eye(3)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))

@@ -1,4 +1,4 @@
-"""Moves a gimbal over a pad that lies still, and collects the camera's views of it."""
+"""Moves a gimbal while the camera sees a pad that lies still, and collects views and delays."""
 
 import asyncio
 import math
@@ -25,16 +25,16 @@ from landerd.runtime.daemon import Devices
 
 AxisName = Literal["yaw", "pitch"]
 
-_PICTURES_EACH = 2  # pictures taken in each direction
+_PICTURES_EACH = 2  # number of pictures in each direction
 _SIGN_STEP = math.radians(6.0)  # turn that is ordered to find an axis's sign
 FEWEST_VIEWS = 8  # least number of views for a calibration
 _LEAST_FOLLOWED = 0.3  # least share of an ordered turn that counts as following it
 _SEARCH_PITCHES = tuple(math.radians(a) for a in (0.0, -20.0, -40.0, -60.0, -80.0, 20.0))
 _FROM_MIDDLE = 0.6  # distance to which the pad is brought from the middle; share of half a picture
 _WIDEST_YAW = math.radians(35.0)  # limit of yaw orders, which straight down would be unlimited
-_SURE_YAW = math.radians(1.0)
+_SURE_YAW = math.radians(1.0)  # largest sigma of the yaw of a pad that is used
 _SWING = math.radians(5.0)  # amplitude of swings
-_SWING_HZ, _SWING_S = 0.5, 3.0
+_SWING_HZ, _SWING_S = 0.5, 3.0  # frequency and duration of swings
 _SWING_PICTURES_S = 0.05  # interval of the pictures that are searched
 _DELAYS_S = np.arange(-0.25, 0.6, 0.002)  # delays that are tried
 
@@ -70,16 +70,17 @@ class GimbalMotion:
         is_measured: bool = True,
         with_autopilot: bool = True,
     ) -> None:
-        """Take what is needed.
+        """Prepare; the devices are opened by `run`.
 
         Args:
-            devices: closed.
+            devices: of the vehicle, still closed.
             camera: calibration of the pictures.
             reach: least and greatest angle of each axis, rad.
             search: finds the pad in a picture.
-            say: tells the user a line.
-            is_measured: the gimbal knows where it is.
-            with_autopilot: whether it has to be heard, disarmed; else the airframe stands level.
+            say: shows the user a line.
+            is_measured: whether the gimbal measures its angles.
+            with_autopilot: whether the autopilot must be heard, and be disarmed; else the airframe
+                must stand level.
         """
         self._devices, self._camera = devices, camera
         self._limits, self._search, self._say = reach, search, say
@@ -91,12 +92,12 @@ class GimbalMotion:
         """Take views of the pad in a number of places, and return them.
 
         Args:
-            places: where the pad lies in turn, each straight ahead and level.
-            ask: waits until the pad lies in a place, which count from 0.
+            places: number of places in which the pad lies in turn, straight ahead and level.
+            ask: waits until the pad lies in a place, given by its number from 0.
 
         Raises:
             DeviceLost: a device is gone.
-            Refused: nothing is heard, the pad is not seen, or the gimbal does not as it is told.
+            Refused: a device sends nothing, the pad is not seen, or the gimbal does not follow.
         """
         async with self._bench.opened():
             for place in range(places):
@@ -118,7 +119,7 @@ class GimbalMotion:
                     measured.signs[axis] = sign
         grid = self._grid(yaw, pitch, pad)
         if len(grid) == 1:
-            grid *= FEWEST_VIEWS  # it is bolted
+            grid *= FEWEST_VIEWS  # the camera is bolted
         seen = 0
         for to_yaw, to_pitch in grid:
             found = await self._look(to_yaw, to_pitch, place)
@@ -131,7 +132,7 @@ class GimbalMotion:
                 measured.delays[axis] = await self._delays_of(axis, middle[0], middle[1])
 
     async def _find(self) -> tuple[float, float, PoseSolution]:
-        """Return orders that bring the pad into the picture, and where it is seen."""
+        """Return yaw and pitch, rad, at which the pad is in the picture, and its pose there."""
         start = self._bench.states[-1]
         low, high = self._limits["yaw"]
         yaws = [clamp(yaw, low, high) for yaw in (0.0, -_WIDEST_YAW, _WIDEST_YAW)]
@@ -148,7 +149,7 @@ class GimbalMotion:
         )
 
     async def _sign(self, axis: AxisName, yaw: float, pitch: float) -> int | None:
-        """Return 1 if the camera turns as reported, -1 if the other way; None: it is bolted."""
+        """Return 1 if the camera turns as reported, -1 if the other way; None: it cannot turn."""
         low, high = self._limits[axis]
         at = yaw if axis == "yaw" else pitch
         if high - low < _SIGN_STEP:
@@ -181,13 +182,17 @@ class GimbalMotion:
         return 1 if came * told > 0.0 else -1
 
     def _grid(self, yaw: float, pitch: float, pad: PoseSolution) -> list[tuple[float, float]]:
-        """Return orders that bring the pad all over the picture, in a cross and its corners."""
+        """Return orders (yaw, pitch), rad, that bring the pad to many places of the picture.
+
+        They form a cross and its corners about the orders `yaw` and `pitch`, at which the pad was
+        seen with the pose `pad`.
+        """
         camera = self._camera
         x, y, z = pad.position
         across, down = math.atan2(x, z), math.atan2(y, z)
         most_across = _FROM_MIDDLE * math.atan(0.5 * camera.width / camera.fx)
         most_down = _FROM_MIDDLE * math.atan(0.5 * camera.height / camera.fy)
-        # The camera's pitch by the pad, which lies level.
+        # Cosine of the camera's pitch, by the pad, which lies level.
         flat = max(0.3, abs(pad.normal[1]))
         signs = self.measured.signs
         yaws = [
@@ -217,7 +222,8 @@ class GimbalMotion:
         orders = self._bench.orders
         order_t = [order[0] for order in orders]
 
-        def ordered(t: float) -> float:  # one order holds until the next
+        def ordered(t: float) -> float:
+            # An order holds until the next one.
             return orders[max(0, bisect_right(order_t, t) - 1)][column]
 
         reports = np.array([(s.t, getattr(s, axis)) for s in self._bench.states])
@@ -253,7 +259,7 @@ class GimbalMotion:
     # ---- orders and pictures -------------------------------------------------------------------
 
     async def _look(self, yaw: float, pitch: float, place: int) -> list[View]:
-        """Turn there, wait until the gimbal stands still, and return views by some pictures."""
+        """Order angles, rad, wait until the gimbal stands still, and return views of the pad."""
         views = []
         async with self._bench.ordering(lambda _: GimbalCommand(yaw, pitch)):
             await asyncio.sleep(self._rest_s)
@@ -273,11 +279,13 @@ class GimbalMotion:
         return views
 
     async def _pad_in(self, frame: Frame) -> PoseSolution | None:
+        """Return the pad's pose in a picture; None: not found, or of an uncertain heading."""
         await asyncio.sleep(0.0)  # links are served between searches, which take long
         pads = [pad for pad in self._search(frame).pad if _tells_heading(pad)]
         return pads[0] if pads else None
 
     def _down(self, state: GimbalState) -> Vec3:
+        """Return the unit vector of gravity in the frame that the gimbal's angles are against."""
         if state.reference is not Reference.BODY or self._bench.attitude is None:
             return (0.0, 0.0, 1.0)
         R_level_body = rot_zyx(0.0, self._bench.attitude.pitch, self._bench.attitude.roll)
@@ -285,7 +293,7 @@ class GimbalMotion:
 
 
 def _tells_heading(pad: PoseSolution) -> bool:
-    """Tell whether a pad's north is known well: not one that its tag was too hidden to show."""
+    """Tell whether a pad's heading is known well; that of a partly hidden tag may not be."""
     return pad.sigma_yaw is not None and pad.sigma_yaw < _SURE_YAW
 
 
@@ -296,7 +304,13 @@ def _spread(at: float, ends: list[float], limits: tuple[float, float]) -> list[f
 
 
 def _delay(t: F64, seen: F64, model: Callable[[F64], F64]) -> float:
-    """Return the delay (s) behind a model of t with which a straight line explains best."""
+    """Return the delay, s, with which the angles seen fit best to a linear function of a model.
+
+    Args:
+        t: times at which angles were seen, s, (n,).
+        seen: angles seen, rad, (n,).
+        model: returns orders or reports at times, rad.
+    """
     best, least = 0.0, math.inf
     for delay in _DELAYS_S:
         A = np.column_stack([np.ones(len(t)), model(t - delay)])

@@ -1,9 +1,9 @@
-"""Intrinsics and distortion from views of a board, and whether they can be trusted.
+"""Calibrates a camera's intrinsics and distortion from views of a board, and judges the result.
 
-Zhang, A Flexible New Technique for Camera Calibration (2000), as OpenCV solves it. A small
-reprojection error alone says little: views from straight ahead, or of the picture's middle only,
-fit well and give a wrong focal length. So coverage, tilt and the uncertainty that the solution
-states are judged too.
+The method is Zhang's (A Flexible New Technique for Camera Calibration, 2000), by OpenCV. A small
+reprojection error alone is no proof: views from straight ahead, or of the middle of the picture
+only, fit well and give a wrong focal length. Therefore coverage of the picture, tilt of the board
+and stated uncertainty are judged as well.
 """
 
 import math
@@ -20,33 +20,33 @@ from landerd.camera_model import CameraModel
 
 Lens = Literal["plumb_bob", "rational", "fisheye"]
 
-FEWEST_VIEWS = 10
-GRID = (4, 4)  # cells of the picture, across and down
-_FEWEST_CELLS = 13  # of the 16 that must hold corners
-_TILTED_DEG = 15.0  # a view from this far aside tells the focal length
-_FEWEST_TILTED = 4  # views
-_LARGEST_ERROR_PX = 1.0  # rms over all corners
-_LARGEST_FOCAL_SIGMA = 0.003  # as a part of the focal length
-_OUTLIER_RATIO = 3.0  # a view worse than this many times the median is named
+FEWEST_VIEWS = 10  # least number of views
+GRID = (4, 4)  # number of cells of the picture, across and down
+_FEWEST_CELLS = 13  # least number of the 16 cells that contain corners
+_TILTED_DEG = 15.0  # least tilt of a view that helps to determine the focal length
+_FEWEST_TILTED = 4  # least number of such views
+_LARGEST_ERROR_PX = 1.0  # largest rms reprojection error over all corners
+_LARGEST_FOCAL_SIGMA = 0.003  # largest sigma of the focal length, relative
+_OUTLIER_RATIO = 3.0  # error over the median of all views above which a view is an outlier
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A camera, and how well the views say what it is."""
+    """A calibrated camera, and how well the views determine it."""
 
     camera: CameraModel
-    error_px: float  # rms over all corners
-    errors_px: tuple[float, ...]  # rms of each view
-    tilts_deg: tuple[float, ...]  # of each view: optical axis to the board's normal
-    focal_sigma: float  # as a part of the focal length
+    error_px: float  # rms reprojection error over all corners
+    errors_px: tuple[float, ...]  # rms reprojection error of each view
+    tilts_deg: tuple[float, ...]  # of each view: angle of the optical axis to the board's normal
+    focal_sigma: float  # of the focal length, relative
 
 
 def coverage(views: Sequence[View], size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return which cells of the picture hold corners, (rows, columns) of GRID.
+    """Tell which cells of the picture contain corners, (rows, columns) of GRID.
 
     Args:
         views: of the board.
-        size: of the pictures, width and height.
+        size: width and height of the pictures, px.
     """
     covered = np.zeros((GRID[1], GRID[0]), np.bool_)
     for view in views:
@@ -62,9 +62,9 @@ def calibrate(
     """Return the camera that explains the views best.
 
     Args:
-        board: that was seen.
+        board: of the views.
         views: at least three.
-        size: of the pictures, width and height.
+        size: width and height of the pictures, px.
         lens: plumb_bob (k1 k2 p1 p2 k3), rational (and k4 k5 k6) or fisheye (k1 k2 k3 k4).
 
     Raises:
@@ -96,7 +96,17 @@ def _solve(
     size: tuple[int, int],
     lens: Lens,
 ) -> tuple[CameraModel, Sequence[Any], Sequence[Any], float]:
-    """Return camera, rotation vectors and translations of the views, uncertainty."""
+    """Return camera, rotation vectors and translations of the views, and `focal_sigma`.
+
+    Args:
+        places: corners on the board in each view, m, (n, 3).
+        pixels: the same corners in the picture, px, (n, 2).
+        size: width and height of the pictures, px.
+        lens: model of the lens.
+
+    Raises:
+        cv2.error: no camera explains the views.
+    """
     if lens == "fisheye":
         return _solve_fisheye(places, pixels, size)
     flags, count = (cv2.CALIB_RATIONAL_MODEL, 8) if lens == "rational" else (0, 5)
@@ -110,7 +120,7 @@ def _solve(
 def _solve_fisheye(
     places: list[NDArray[np.float32]], pixels: list[NDArray[np.float32]], size: tuple[int, int]
 ) -> tuple[CameraModel, Sequence[Any], Sequence[Any], float]:
-    """Do as `_solve`; OpenCV does not tell the uncertainty of a fisheye."""
+    """Return what `_solve` returns; OpenCV does not give the uncertainty of a fisheye."""
     points = [place.reshape(1, -1, 3).astype(np.float64) for place in places]
     seen = [pixel.reshape(1, -1, 2).astype(np.float64) for pixel in pixels]
     flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
@@ -138,6 +148,7 @@ def _solve_fisheye(
 def _camera(
     size: tuple[int, int], K: Any, D: Any, count: int, *, fisheye: bool = False
 ) -> CameraModel:
+    """Return a camera from OpenCV's matrices, with the first `count` distortion coefficients."""
     fx, fy, cx, cy = (float(K[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
     distortion = tuple(float(k) for k in D.flat[:count])
     return CameraModel(*size, fx, fy, cx, cy, distortion, fisheye)
@@ -147,7 +158,7 @@ def _camera(
 
 
 def too_poor(views: Sequence[View], size: tuple[int, int]) -> list[str]:
-    """Say what is missing before it is worth calibrating; empty: nothing."""
+    """Return what is missing in the views for a calibration, in lines; empty: nothing."""
     if len(views) < FEWEST_VIEWS:
         return [f"{len(views)} views of the board, at least {FEWEST_VIEWS} are needed"]
     covered = coverage(views, size)
@@ -160,7 +171,7 @@ def too_poor(views: Sequence[View], size: tuple[int, int]) -> list[str]:
 
 
 def not_trusted(result: Calibration, views: Sequence[View]) -> list[str]:
-    """Say why a calibration is not to be flown with; empty: it is good."""
+    """Return the reasons not to fly with a calibration, in lines; empty: it is good."""
     reasons = []
     tilted = sum(tilt >= _TILTED_DEG for tilt in result.tilts_deg)
     if tilted < _FEWEST_TILTED:
@@ -184,13 +195,13 @@ def not_trusted(result: Calibration, views: Sequence[View]) -> list[str]:
 
 
 def outliers(result: Calibration) -> list[int]:
-    """Return the views that fit much worse than the others."""
+    """Return the indices of views that fit much worse than the others."""
     limit = _OUTLIER_RATIO * float(np.median(result.errors_px))
     return [i for i, error in enumerate(result.errors_px) if error > limit and error > 0.3]
 
 
 def _where(cells: NDArray[np.bool_]) -> str:
-    """Say where in the picture most of the cells marked are."""
+    """Return in words where in the picture most of the marked cells (rows, columns) are."""
     rows, columns = np.nonzero(cells)
     down, across = rows.mean() / (GRID[1] - 1) - 0.5, columns.mean() / (GRID[0] - 1) - 0.5
     words = []

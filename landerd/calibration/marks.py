@@ -1,7 +1,7 @@
-"""Bench tests before the first flight (thesis 4.2.3): the pad on marked places of the floor.
+"""Bench tests before the first flight (thesis 4.2.3): the pad lies on marks on the floor.
 
-The vehicle stands still and the core runs as in flight, but for the orders to the autopilot, of
-which none is sent. What it sees is compared with where the marks were measured to be.
+The vehicle stands still and the core runs as in flight, but no orders are sent to the autopilot.
+The pad's position as seen is compared to that of the marks, which was measured by hand.
 """
 
 import asyncio
@@ -33,20 +33,20 @@ from landerd.runtime.daemon import Devices
 
 Search = Callable[[Frame, Prior], Awaitable[Sightings]]
 
-_TICK_S = 0.025  # as in flight
-_FOUND_WITHIN_S = 25.0  # the gimbal's sweeps included
-_SWING_S = 2.5  # watched after the gimbal was let go
-_TURNING_S = 1.0  # of it the gimbal is said to turn
-_OFF_MIDDLE = 0.6  # of half the picture: how far the pad is brought aside
-_LEAST_FOLLOWED = 0.6  # of it must have come
-_STEEP = math.radians(-60.0)  # looking down more than this, yaw hardly moves the picture
+_TICK_S = 0.025  # period of control steps, as in flight
+_FOUND_WITHIN_S = 25.0  # longest time to find the pad, sweeps of the gimbal included
+_SWING_S = 2.5  # time for which the pad is watched after the core may move the gimbal again
+_TURNING_S = 1.0  # the part of it in which the gimbal counts as turning
+_OFF_MIDDLE = 0.6  # distance from the middle to which the pad is brought, share of half a picture
+_LEAST_FOLLOWED = 0.6  # least share of an ordered turn that counts as following it
+_STEEP = math.radians(-60.0)  # pitch below which yaw hardly moves the pad in the picture
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Where the landing point lies, from the gimbal's pivot, the vehicle level, m.
+    """Measured position of the landing point from the gimbal's pivot of the level vehicle, m.
 
-    The pad's north points where the nose does.
+    The pad's north points in the direction of the vehicle's nose.
     """
 
     ahead: float
@@ -55,33 +55,33 @@ class Mark:
 
     @property
     def place(self) -> Vec3:
-        """Ahead, right, down; m."""
+        """Ahead, right, down, m."""
         return (self.ahead, self.right, self.down)
 
 
 @dataclass(frozen=True)
 class Seen:
-    """The pad in one picture; `place` is None where it was not found."""
+    """The pad in one picture; all but the time is None or NaN if it was not found."""
 
-    t: float  # exposure, s
-    place: Vec3 | None  # landing point from the pivot: ahead, right, down; m
-    heading: float | None  # of the pad's north from the nose, rad
-    off_middle: float  # of the landing point from the picture's middle, rad
-    sigma_m: float  # as vision states, largest direction
+    t: float  # time of the exposure, s
+    place: Vec3 | None  # landing point from the gimbal's pivot: ahead, right, down, m
+    heading: float | None  # of the pad's north from the vehicle's nose, rad; None: unknown
+    off_middle: float  # angle of the landing point from the picture's middle, rad
+    sigma_m: float  # largest sigma of the position along an axis, as vision states it
 
 
 @dataclass(frozen=True)
 class Swing:
-    """What came of letting the gimbal turn to a pad that was aside."""
+    """How the core turned the gimbal back to a pad from which it had been turned away."""
 
     axis: str
-    step: float  # how far it was aside, rad, signed
-    seen: tuple[Seen, ...]  # from when it was let go
-    start: float  # s
+    step: float  # angle by which the gimbal had been turned away, rad, signed
+    seen: tuple[Seen, ...]  # the pad from then on
+    start: float  # time from which the core moved the gimbal, s
 
 
 class MarkTrial:
-    """The pad on one mark; the devices are opened for it and closed after it."""
+    """A test with the pad on one mark; each method opens the devices and closes them."""
 
     def __init__(
         self,
@@ -94,16 +94,17 @@ class MarkTrial:
         is_measured: bool,
         with_autopilot: bool,
     ) -> None:
-        """Take what is needed.
+        """Prepare.
 
         Args:
             config: of the vehicle.
             layout: of the pad.
             camera: calibration of the pictures.
-            devices: closed.
-            search: finds the pad in a picture; links are served meanwhile.
-            is_measured: the gimbal knows where it is.
-            with_autopilot: whether it has to be heard, disarmed; else the airframe stands level.
+            devices: of the vehicle, still closed.
+            search: finds the pad in a picture, while links are served.
+            is_measured: whether the gimbal measures its angles.
+            with_autopilot: whether the autopilot must be heard, and be disarmed; else the airframe
+                must stand level.
         """
         self._config, self._camera, self._search = config, camera, search
         self._bench = Bench(devices, with_autopilot=with_autopilot, heard=self._hear)
@@ -111,24 +112,32 @@ class MarkTrial:
         self._poses = PoseHistory(config)
         self._rest_s = REST_S if is_measured else REST_UNMEASURED_S
         self._with_autopilot = with_autopilot
-        self._let_go = True  # the gimbal does as the core says
+        self._let_go = True  # whether the core's orders go to the gimbal
         self._aimed: GimbalCommand | None = None
 
     async def at_rest(self, pictures: int) -> list[Seen]:
-        """Point at the pad as in flight and return what so many pictures show.
+        """Point at the pad as in flight, and return what a number of pictures show.
 
         Raises:
             DeviceLost: a device is gone.
-            Refused: the pad is not found, nothing is heard, or the vehicle is armed.
+            Refused: the pad is not found, a device sends nothing, or the vehicle is armed.
         """
         async with self._running():
             await self._find()
             return [await self._look() for _ in range(pictures)]
 
     async def swings(self, pictures: int) -> tuple[list[Seen], list[Swing]]:
-        """Turn the camera aside in each axis and let it go; return what was seen at rest and then.
+        """Turn the camera away from the pad in each axis, and let the core turn it back.
 
-        Raises: as `at_rest`.
+        Args:
+            pictures: number of pictures at rest before.
+
+        Returns:
+            what these pictures show, and the swings.
+
+        Raises:
+            DeviceLost: a device is gone.
+            Refused: as for `at_rest`, or an axis does not follow.
         """
         async with self._running():
             await self._find()
@@ -154,7 +163,7 @@ class MarkTrial:
         await self._watch(self._rest_s)
 
     def _steps(self) -> list[tuple[str, float]]:
-        """Return how far the camera can be turned aside, by axis, rad."""
+        """Return axes and signed angles, rad, by which the camera can be turned from the pad."""
         assert self._aimed is not None
         camera, section = self._camera, self._config.gimbal
         sizes = {
@@ -172,7 +181,7 @@ class MarkTrial:
         return steps
 
     async def _swing(self, axis: str, step: float) -> Swing | None:
-        """Hold the camera aside, let it go, and watch; None: the pad left the picture."""
+        """Turn the camera away, let the core turn it back, and watch; None: the pad was lost."""
         assert self._aimed is not None
         aside = {"yaw": self._aimed.yaw, "pitch": self._aimed.pitch}
         aside[axis] += step
@@ -196,6 +205,7 @@ class MarkTrial:
     # ---- pictures ------------------------------------------------------------------------------
 
     async def _watch(self, seconds: float) -> list[Seen]:
+        """Return what all pictures show for some time."""
         loop = asyncio.get_running_loop()
         end = loop.time() + seconds
         seen = []
@@ -204,7 +214,7 @@ class MarkTrial:
         return seen
 
     async def _look(self) -> Seen:
-        """Search the next picture and tell the core."""
+        """Search the next picture, give the sightings to the core, and return the pad."""
         frame = await self._bench.devices.camera.newest()
         self._bench.check()
         sightings = await self._search(frame, self._lander.prior(frame.t))
@@ -212,6 +222,7 @@ class MarkTrial:
         return self._place(sightings)
 
     def _place(self, sightings: Sightings) -> Seen:
+        """Return the pad of some sightings relative to the vehicle."""
         R = self._poses.camera_rotation(sightings.t)
         attitude = self._poses.attitude.at(sightings.t)
         if not sightings.pad or R is None or attitude is None:
@@ -231,6 +242,7 @@ class MarkTrial:
 
     @asynccontextmanager
     async def _running(self) -> AsyncIterator[None]:
+        """Open the devices, and run the core, until the context is left."""
         async with self._bench.opened():
             task = asyncio.create_task(self._tick())
             try:
@@ -243,7 +255,10 @@ class MarkTrial:
         self._poses.add(message)
 
     async def _tick(self) -> NoReturn:
-        """Let the core aim: the vehicle stands, whether or not its autopilot has a position."""
+        """Step the core, so that it aims the gimbal, until cancelled.
+
+        The vehicle's position is given as constant, whether or not its autopilot has one.
+        """
         loop = asyncio.get_running_loop()
         still = (0.0, 0.0, 0.0)
         while True:
@@ -264,21 +279,21 @@ class MarkTrial:
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """How far what was seen is from a mark; medians over the pictures."""
+    """Errors of the pad's position as seen against a mark; medians over the pictures."""
 
-    found: float  # share of the pictures
-    range_share: float  # too far: positive
-    direction: float  # between where it was seen and where it is, rad
-    heading: float | None  # rad; None: the pad tells none
-    scatter_m: float  # standard deviation of the distance
-    sigma_m: float  # as vision states of it
+    found: float  # share of the pictures in which the pad was found
+    range_share: float  # relative error of the range; positive: seen too far away
+    direction: float  # angle between the directions as seen and as measured, rad
+    heading: float | None  # error of the pad's heading, rad; None: its heading is unknown
+    scatter_m: float  # standard deviation of the range
+    sigma_m: float  # largest sigma of the position as vision states it
 
 
 def pose_errors(mark: Mark, seen: list[Seen]) -> PoseErrors:
     """Return the errors of what was seen of a pad on a mark.
 
     Raises:
-        Refused: it was not seen at all.
+        Refused: the pad was not seen at all.
     """
     places = [s.place for s in seen if s.place is not None]
     if not places:
@@ -299,16 +314,20 @@ def pose_errors(mark: Mark, seen: list[Seen]) -> PoseErrors:
 
 @dataclass(frozen=True)
 class SwingErrors:
-    """How a gimbal came to the pad, and what the pad's place was meanwhile."""
+    """How a gimbal turned back to the pad, and errors of the pad's direction meanwhile."""
 
-    centred_s: float | None  # until the pad stayed as near the middle as it came; None: never
-    rest: float  # from the picture's middle in the end, rad
-    found: float  # share of the pictures
+    centred_s: float | None  # time until the pad stayed near its final place; None: never
+    rest: float  # final angle of the pad from the picture's middle, rad
+    found: float  # share of the pictures in which the pad was found
     direction: float  # rms error of the pad's direction while the gimbal turned, rad
 
 
 def swing_errors(rest: list[Seen], swing: Swing) -> SwingErrors:
-    """Return the errors of a swing against what was seen at rest.
+    """Return the errors of a swing; the true direction is that seen at rest.
+
+    Args:
+        rest: the pad in pictures at rest.
+        swing: of the gimbal.
 
     Raises:
         Refused: the pad was not seen at rest.

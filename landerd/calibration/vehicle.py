@@ -1,8 +1,8 @@
-"""How a vehicle answers velocity orders, found out from recorded flights.
+"""Identifies how a vehicle follows velocity orders, from flight logs, for `landerd tune --from`.
 
-The model is that of ArduCopter in GUIDED: a delay, ArduPilot's shaper, which limits acceleration
-and jerk, then the lag of the loops below, of second order. It was fitted to ArduCopter 4.5.7 in
-SITL; here its delay, limits and bandwidth are fitted to the set-points and velocities of a log.
+The model is that of ArduCopter in GUIDED: a delay; ArduPilot's shaper, which limits acceleration
+and jerk; and a second-order lag of the inner loops. It was fitted to ArduCopter 4.5.7 in SITL; here
+its delay, limits and bandwidth are fitted to the set-points and velocities of a log.
 """
 
 import math
@@ -17,38 +17,38 @@ from landerd.camera_model import F64
 from landerd.flightlog.reader import FlightLog
 from landerd.messages import LocalPosition, Phase, PhaseChange, Setpoint
 
-STEP_S = 0.02  # of the model
-DAMPING = 0.34  # of the lag, as measured in SITL
-GAP_S = 0.3  # a stretch of orders ends where none came for so long
-SETTLED_S = 3.0  # after which nothing is left of what was ordered before landerd flew
-LEAST_S = 4.0  # shorter stretches tell nothing
-FIRST_S = 0.3  # by which its acceleration at the beginning is told
-LEAST_CHANGE_MPS = 1.0  # of the velocity in them: a vehicle that hovers tells nothing, either
-# Slower than ordered by so much, and for so long it gains no more than so much: it flies as fast as
-# its lean and the air allow. No delay and no jerk that it may have explains that.
+STEP_S = 0.02  # time step of the model
+DAMPING = 0.34  # damping ratio of the second-order lag, as measured in SITL
+GAP_S = 0.3  # time without an order at which a stretch of orders ends
+SETTLED_S = 3.0  # time after which orders from before landerd flew have no effect any more
+LEAST_S = 4.0  # least length of a stretch that is used
+FIRST_S = 0.3  # time at the beginning of a stretch from which the first acceleration is estimated
+LEAST_CHANGE_MPS = 1.0  # least change of the velocity in a stretch: hovering shows no response
+# A vehicle that is slower than ordered by the first, and gains less than the third in the second,
+# flies as fast as its lean angle and the air allow: no possible delay or jerk explains that.
 SHORT_MPS, HELD_S, GAIN_MPS = 0.5, 2.0, 0.3
-# A fit that is worse by no more than this share is as good: the log cannot tell. Nor can it below
-# the errors of its own velocities.
+# Fits whose rms errors differ by less than this factor are equally good, as the log cannot
+# distinguish them; nor can it below the error of its own velocities.
 SAME_FIT = 1.05
 VELOCITY_ERROR_MPS = 0.01
 
 
-Series = list[tuple[float, tuple[float, float]]]  # s; north and east, m/s
+Series = list[tuple[float, tuple[float, float]]]  # time, s; velocity north and east, m/s
 
 
 class ResponseError(Exception):
-    """Nothing can be fitted; the text says why."""
+    """The response cannot be fitted; the text says why."""
 
 
 @dataclass(frozen=True)
 class Response:
-    """How velocities are answered, level.
+    """Parameters of the model of horizontal velocity.
 
     Attributes:
-        delay_s: before anything happens.
-        acceleration_mps2: the shaper's limit.
-        jerk_mps3: the shaper's limit.
-        omega: natural frequency of the loops below, rad/s.
+        delay_s: time from an order to the first reaction.
+        acceleration_mps2: limit of the shaper.
+        jerk_mps3: limit of the shaper.
+        omega: natural frequency of the second-order lag, rad/s.
     """
 
     delay_s: float
@@ -58,37 +58,37 @@ class Response:
 
     @property
     def lag_s(self) -> float:
-        """How late the loops below the shaper are, s."""
+        """Delay by the second-order lag after the shaper, s."""
         return 2.0 * DAMPING / self.omega
 
 
-# Of ArduCopter in SITL, with ArduPilot's own defaults.
+# The response of ArduCopter in SITL with ArduPilot's defaults.
 REFERENCE = Response(0.0, 2.5, 5.0, 9.0)
-# What configuration and simulator take.
+# Limits of the parameters, which configuration and simulator accept.
 _LEAST = Response(0.0, 0.5, 1.0, 2.7)
 _MOST = Response(0.5, 10.0, 50.0, 27.0)
 
 
 @dataclass
 class Stretch:
-    """Orders and what the vehicle made of them, north and east."""
+    """A part of a flight with orders and flown velocities, north and east."""
 
-    orders_t: list[float] = field(default_factory=list)  # s
+    orders_t: list[float] = field(default_factory=list)  # times of the orders, s
     orders: list[tuple[float, float]] = field(default_factory=list)  # m/s
-    flown_t: list[float] = field(default_factory=list)
-    flown: list[tuple[float, float]] = field(default_factory=list)
+    flown_t: list[float] = field(default_factory=list)  # times of the flown velocities, s
+    flown: list[tuple[float, float]] = field(default_factory=list)  # m/s
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What was found.
+    """The result of a fit.
 
     Attributes:
-        response: that fits best.
-        rms_mps: of what it leaves unexplained, each axis.
-        flown_s: length of the stretches.
-        limits_reached: the flights were brisk enough to tell acceleration and jerk; else these are
-            the least that explain the flights, and the vehicle may have more.
+        response: the gentlest of those that fit best.
+        rms_mps: rms residual of the velocity in each axis.
+        flown_s: length of all stretches.
+        limits_reached: whether the flights were brisk enough to determine acceleration and jerk;
+            else these are the least that explain the flights, and the vehicle may have more.
     """
 
     response: Response
@@ -98,10 +98,10 @@ class Fit:
 
 
 def stretches(log: FlightLog) -> list[Stretch]:
-    """Return where a log has landerd's orders without a gap, in the air, with enough change.
+    """Return the parts of a log with landerd's orders: without gaps, in the air, with changes.
 
-    Orders that the vehicle has not the power to follow are left out, from when it falls behind
-    until it has caught up: they would be taken for those of a vehicle that accelerates slowly.
+    Orders that the vehicle is too weak to follow are left out, from when it falls behind until it
+    has caught up: with them it would seem to accelerate slowly.
     """
     orders: Series = []
     flown: Series = []
@@ -114,7 +114,7 @@ def stretches(log: FlightLog) -> list[Stretch]:
             if isinstance(command, Setpoint):
                 orders.append((step.now, (command.velocity[0], command.velocity[1])))
             elif isinstance(command, PhaseChange) and command.phase is Phase.LANDED:
-                committed_t = min(committed_t, step.now)  # feet may hold it from then on
+                committed_t = min(committed_t, step.now)  # feet may touch the pad from then on
     orders = [order for order in orders if order[0] < committed_t]
     flown.sort()
     beyond = _out_of_reach(orders, flown)
@@ -127,7 +127,7 @@ def stretches(log: FlightLog) -> list[Stretch]:
 def _out_of_reach(orders: Series, flown: Series) -> set[float]:
     """Return the times of the orders that the vehicle was too weak to follow."""
     times = [t for t, _ in flown]
-    behind: list[tuple[float, float]] = []  # when, and how fast along the order
+    behind: list[tuple[float, float]] = []  # time, and speed along the order
     found: set[float] = set()
     run: list[float] = []
     is_held = False
@@ -149,6 +149,7 @@ def _out_of_reach(orders: Series, flown: Series) -> set[float]:
 
 
 def _stretch(orders: Series, flown: Series) -> Stretch | None:
+    """Return the stretch of some orders; None: it is too short, or changes too little."""
     if not orders or orders[-1][0] - orders[0][0] < LEAST_S:
         return None
     times = [t for t, _ in flown]
@@ -171,7 +172,7 @@ def fit(flights: Sequence[Stretch], minimise: Callable[..., Sequence[float]]) ->
 
     Args:
         flights: of one vehicle.
-        minimise: takes a function of places in the unit cube, and a place; returns a better one.
+        minimise: takes a function on the unit cube and a point of it; returns a better point.
 
     Raises:
         ResponseError: there is nothing to fit to.
@@ -199,13 +200,13 @@ def fit(flights: Sequence[Stretch], minimise: Callable[..., Sequence[float]]) ->
 
 
 def _scaled(response: Response, k: float) -> Response:
-    """Return a response with other limits and the same lag of the shaper, acceleration / jerk."""
+    """Return a response with both limits of the shaper multiplied by k; their ratio stays."""
     a, j = k * response.acceleration_mps2, k * response.jerk_mps3
     return replace(response, acceleration_mps2=a, jerk_mps3=j)
 
 
 def _place(response: Response) -> list[float]:
-    """Return where a response is in the unit cube: the delay linear, all else by its logarithm."""
+    """Return the point of a response in the unit cube: the delay linear, the rest logarithmic."""
 
     def share(x: float, least: float, most: float) -> float:
         return math.log(x / least) / math.log(most / least)
@@ -219,6 +220,8 @@ def _place(response: Response) -> list[float]:
 
 
 def _at(place: Sequence[float]) -> Response:
+    """Return the response at a point of the unit cube, see `_place`."""
+
     def value(share: float, least: float, most: float) -> float:
         return float(least * (most / least) ** share)
 
@@ -231,7 +234,7 @@ def _at(place: Sequence[float]) -> Response:
 
 
 def _rms(response: Response, flights: Sequence[Stretch]) -> float:
-    """Return what the model leaves unexplained, but for a constant error of the velocities."""
+    """Return the rms residual of the velocities, m/s, without their mean in each stretch."""
     squares = []
     for s in flights:
         settled = np.array(s.flown_t) > s.flown_t[0] + SETTLED_S
@@ -241,7 +244,7 @@ def _rms(response: Response, flights: Sequence[Stretch]) -> float:
 
 
 def answer(response: Response, stretch: Stretch) -> F64:
-    """Return the velocities (N, 2), m/s, that the model flies at the times of a stretch."""
+    """Return the model's velocities (N, 2), m/s, at the times of a stretch's flown ones."""
     times = np.arange(stretch.flown_t[0], stretch.flown_t[-1] + STEP_S, STEP_S)
     due = np.searchsorted(stretch.orders_t, times - response.delay_s, side="right") - 1
     orders = np.array(stretch.orders)[np.maximum(due, 0)]
@@ -254,10 +257,17 @@ def answer(response: Response, stretch: Stretch) -> F64:
 def _fly(
     response: Response, orders: F64, start: tuple[float, float], pull: tuple[float, float]
 ) -> F64:
-    """Return the velocities (N, 2) for orders (N, 2), one a step, from a velocity and a pull."""
+    """Return the model's velocities (N, 2), m/s, for orders (N, 2), one for each time step.
+
+    Args:
+        response: the model.
+        orders: velocities, m/s.
+        start: first velocity, m/s.
+        pull: first acceleration, m/s^2.
+    """
     vn, ve = start
-    sn, se = start  # shaped
-    an, ae = bn, be = pull  # accelerations, of the vehicle and of the shaper
+    sn, se = start  # velocity of the shaper
+    an, ae = bn, be = pull  # accelerations of the vehicle and of the shaper
     k_jerk = response.jerk_mps3 * STEP_S
     gain = response.jerk_mps3 / response.acceleration_mps2
     stiffness, damping = response.omega**2, 2.0 * DAMPING * response.omega
@@ -279,7 +289,7 @@ def _fly(
 
 
 def _asked(error: float, gain: float, response: Response) -> float:
-    """Return the acceleration that ArduPilot's sqrt_controller asks for."""
+    """Return the acceleration that ArduPilot's sqrt_controller demands for a velocity error."""
     knee = response.jerk_mps3 / (gain * gain)
     size = gain * error
     if error > knee:
