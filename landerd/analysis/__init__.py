@@ -1,1 +1,1 @@
-"""What happened in a landing: figures and pictures."""
+"""Analysis of landings, simulated or from flight logs: statistics, reports, drawings, videos."""

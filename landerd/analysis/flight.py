@@ -1,4 +1,4 @@
-"""A landing from its flight log, as time series and in sentences."""
+"""A landing from its flight log: its time series, and sentences about it, for reports."""
 
 import math
 from bisect import bisect_right
@@ -29,32 +29,32 @@ SIGHT_M = 18.0  # slant range from which the thesis counts time and energy (3.6)
 
 
 class AgeBudget(NamedTuple):
-    """How old a picture was when it could first be flown on, and why; s."""
+    """Age of a picture at the first control step that could use it, in parts, s."""
 
-    t: float  # of that control step, from the log's beginning
-    camera: float  # from the middle of the exposure until the camera's driver had given it
-    vision: float  # until it was searched
-    wait: float  # until the next control step
-    clock: float  # how far off all that may be: the driver's stamp and the autopilot's clock
+    t: float  # time of that control step since the beginning of the log
+    camera: float  # from the middle of the exposure until the driver delivered the picture
+    vision: float  # from then until it was searched
+    wait: float  # from then until the control step
+    clock: float  # uncertainty of all that, by the driver's time stamp and the autopilot's clock
 
     @property
     def age(self) -> float:
-        """What it comes to, the clocks' uncertainty apart."""
+        """Age of the picture at that control step, s."""
         return self.camera + self.vision + self.wait
 
 
 @dataclass
 class Flight:
-    """The series of one log; times are s from its beginning."""
+    """The time series of one log; times are s since its beginning."""
 
     log: FlightLog
-    zero: float  # loop time of the beginning
+    zero: float  # beginning of the log on the loop's clock, s
     positions: list[tuple[float, LocalPosition]] = field(default_factory=list)
     setpoints: list[tuple[float, Setpoint]] = field(default_factory=list)
     sightings: list[Sightings] = field(default_factory=list)
     batteries: list[Battery] = field(default_factory=list)
     changes: list[tuple[float, PhaseChange]] = field(default_factory=list)
-    disarmed_t: float | None = None
+    disarmed_t: float | None = None  # None: the vehicle was not disarmed
     budgets: list["AgeBudget"] = field(default_factory=list)
 
     @property
@@ -64,7 +64,7 @@ class Flight:
 
     @property
     def first_sight_t(self) -> float | None:
-        """When the pad was first seen within the range that counts, s."""
+        """Time of the first sighting of the pad within SIGHT_M, s; None: there was none."""
         for s in self.sightings:
             if s.pad and norm(s.pad[0].position) <= SIGHT_M:
                 return s.t - self.zero
@@ -72,13 +72,14 @@ class Flight:
 
     @property
     def energy_j(self) -> float | None:
-        """Energy from first sight to disarming, None where the battery does not say."""
+        """Energy from the first sighting to disarming, J; None: unknown."""
         if self.first_sight_t is None or self.disarmed_t is None:
             return None
         a, b = self._energy_at(self.first_sight_t), self._energy_at(self.disarmed_t)
         return None if a is None or b is None else b - a
 
     def _energy_at(self, t: float) -> float | None:
+        """Return the energy consumed until a time, s, in J; None: it is not reported."""
         known = [
             (b.t - self.zero, b.energy_consumed_j)
             for b in self.batteries
@@ -91,12 +92,12 @@ class Flight:
         return e0 + (e1 - e0) * (min(t, t1) - t0) / (t1 - t0)
 
     def state_at(self, t: float) -> State | None:
-        """Return the last logged state before a time."""
+        """Return the last state in the log until a time, s; None: there is none."""
         before = [s for s in self.log.states if s.t - self.zero <= t + 1e-6]
         return before[-1] if before else None
 
     def samples(self) -> list[Sample]:
-        """Return vehicle and pad about the pad's last place: north, east, up, m."""
+        """Return estimated positions of vehicle and pad: north, east, up of its last place, m."""
         gear = float(self.log.config.get("vehicle", {}).get("gear_height_m", 0.0))
         times = [t for t, _ in self.positions]
         found: list[tuple[float, Vec3, Vec3, Phase]] = []
@@ -119,7 +120,7 @@ class Flight:
 
 
 def flight_of(log: FlightLog) -> Flight:
-    """Return the series of a log."""
+    """Return the time series of a log."""
     zero = log.steps[0].now
     flight = Flight(log, zero)
     armed = False
@@ -143,15 +144,18 @@ def flight_of(log: FlightLog) -> Flight:
 
 
 class _Budgeting:
-    """Notes of every picture with how old it came to the control task."""
+    """Adds an `AgeBudget` to a flight for every picture."""
 
     def __init__(self, flight: Flight) -> None:
+        """Take the flight, whose log has the configuration."""
         self._flight = flight
         self._offset_s = float(flight.log.config.get("camera", {}).get("clock_offset_s", 0.0))
         self._clock_s = 0.0
-        self._waiting: tuple[float, Sightings] | None = None  # since when
+        # Sightings not used by a control step yet, and the time since when, s.
+        self._waiting: tuple[float, Sightings] | None = None
 
     def take(self, step: Step) -> None:
+        """Take the next step of the log."""
         message = step.message
         if isinstance(message, ClockSync):
             self._clock_s = message.uncertainty_s
@@ -174,7 +178,7 @@ class _Budgeting:
 
 
 def sentences(flight: Flight) -> list[str]:
-    """Return sentences: on the whole landing, on each event in order, and on how it ended."""
+    """Return sentences on the log, on each event in order, on the outcome and on the estimate."""
     log = flight.log
     seen = len([s for s in flight.sightings if s.pad])
     rate = len(flight.sightings) / flight.end if flight.end > 0.0 else 0.0
@@ -196,6 +200,7 @@ def sentences(flight: Flight) -> list[str]:
 
 
 def _when(log: FlightLog) -> str:
+    """Return the date of a log in words."""
     if log.wall_offset_s == 0.0:
         return "Simulated time, without a date"
     began = datetime.fromtimestamp(log.steps[0].now + log.wall_offset_s, UTC)
@@ -203,7 +208,7 @@ def _when(log: FlightLog) -> str:
 
 
 def _events(flight: Flight) -> list[tuple[float, str]]:
-    """Return what happened when, s."""
+    """Return events of a flight: times, s, and sentences."""
     events = [
         (t, f"At {t:.1f} s: {_phase(change)}{_where(flight, t)}.") for t, change in flight.changes
     ]
@@ -228,7 +233,7 @@ def _events(flight: Flight) -> list[tuple[float, str]]:
 
 
 def _health(flight: Flight, last: State | None) -> list[str]:
-    """Return how sight and telemetry fitted, and what was found of clock and mounting."""
+    """Return sentences on innovations, ages of pictures, and estimated errors of clock and lens."""
     if last is None or last.sensors is None or not flight.sightings:
         return []
     s = last.sensors
@@ -243,6 +248,7 @@ def _health(flight: Flight, last: State | None) -> list[str]:
 
 
 def _fit(flight: Flight) -> list[str]:
+    """Return a sentence on the sightings' innovations; empty: they are not in the log."""
     known = [s.health for s in flight.log.states if s.health is not None]
     if not known:
         return []
@@ -255,6 +261,7 @@ def _fit(flight: Flight) -> list[str]:
 
 
 def _ages(flight: Flight) -> list[str]:
+    """Return a sentence on the ages of pictures; empty: they are not in the log."""
     if not flight.budgets:
         return []
     ages = [1e3 * b.age for b in flight.budgets]
@@ -270,10 +277,12 @@ def _ages(flight: Flight) -> list[str]:
 
 
 def _phase(change: PhaseChange) -> str:
+    """Return a phase and its reason in words."""
     return f"{change.phase.value} ({change.reason})"
 
 
 def _where(flight: Flight, t: float) -> str:
+    """Return where the vehicle was at a time, s, relative to the pad, in words; may be empty."""
     state = flight.state_at(t)
     if state is None or state.relative is None:
         return ""

@@ -1,4 +1,7 @@
-"""Several flights as one table, from their logs alone, with intervals on rate and means."""
+"""A table of several flights from their logs, with 95 % intervals of landing rate and means.
+
+It is the first part of a report on several flights.
+"""
 
 from collections.abc import Sequence
 
@@ -8,7 +11,7 @@ from landerd.analysis.page import Block, Heading, Table, Text
 
 
 def section(flights: Sequence[Flight]) -> list[Block]:
-    """Return the table of all flights, with the rates and means of them together."""
+    """Return the table of all flights, with their landing rate and means above it."""
     rows = [_row(flight) for flight in flights]
     landed = [flight for flight in flights if _landed(flight)]
     share = in_percent(wilson(len(landed), len(flights)))
@@ -27,16 +30,19 @@ def section(flights: Sequence[Flight]) -> list[Block]:
 
 
 def _landed(flight: Flight) -> bool:
+    """Tell whether a flight ended with a landing, by its last recorded state."""
     states = flight.log.states
     return bool(states) and states[-1].outcome == "landed"
 
 
 def _time_s(flight: Flight) -> float | None:
+    """Return the time from the first sighting that counts to disarming; None: unknown."""
     first, disarmed = flight.first_sight_t, flight.disarmed_t
     return None if first is None or disarmed is None else disarmed - first
 
 
 def _row(flight: Flight) -> list[str]:
+    """Return the cells of a flight."""
     last = flight.log.states[-1] if flight.log.states else None
     time_s, energy_j = _time_s(flight), flight.energy_j
     at_end = None if flight.disarmed_t is None else flight.state_at(flight.disarmed_t)

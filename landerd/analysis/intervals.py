@@ -1,15 +1,16 @@
-"""Confidence intervals of 95 % for what is counted and measured, and tests of pairs."""
+"""95 % confidence intervals of shares and means, and tests of paired results."""
 
 import math
 from collections.abc import Sequence
 from statistics import NormalDist, fmean, stdev
 
 _Z = NormalDist().inv_cdf(0.975)
-_T_OF_FEW = {1: 12.706, 2: 4.303, 3: 3.182, 4: 2.776}  # where the series below is not yet good
+# 97.5 % quantiles of Student's t by degrees of freedom, where the series below is not good enough.
+_T_OF_FEW = {1: 12.706, 2: 4.303, 3: 3.182, 4: 2.776}
 
 
 def wilson(successes: int, runs: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Wilson 1927)."""
+    """Return the 95 % interval of a share of successes (Wilson 1927)."""
     z, n = 1.96, max(runs, 1)
     p = successes / n
     middle = (p + z * z / (2 * n)) / (1 + z * z / n)
@@ -18,7 +19,7 @@ def wilson(successes: int, runs: int) -> tuple[float, float]:
 
 
 def mean_interval(values: Sequence[float]) -> tuple[float, float] | None:
-    """Return the 95 % interval of a mean (Student's t); None of fewer than two values."""
+    """Return the 95 % interval of a mean (Student's t); None: there are fewer than two values."""
     if len(values) < 2:
         return None
     half = t_quantile(len(values) - 1) * stdev(values) / math.sqrt(len(values))
@@ -26,7 +27,10 @@ def mean_interval(values: Sequence[float]) -> tuple[float, float] | None:
 
 
 def t_quantile(degrees: int) -> float:
-    """Return the 97.5 % quantile of Student's t (Abramowitz and Stegun 26.7.5, to 0.004)."""
+    """Return the 97.5 % quantile of Student's t for some degrees of freedom, to 0.004.
+
+    Abramowitz and Stegun, 26.7.5.
+    """
     if degrees in _T_OF_FEW:
         return _T_OF_FEW[degrees]
     z, n = _Z, float(degrees)
@@ -39,14 +43,14 @@ def t_quantile(degrees: int) -> float:
 
 
 def mcnemar(only_a: int, only_b: int) -> float:
-    """Return how probable so uneven a split is, or a more uneven one, if neither is better.
+    """Return the p-value of McNemar's exact two-sided test (1947) that neither is better.
 
-    The exact two-sided test of McNemar (1947): of the pairs that differ, each goes either way with
-    the same probability.
+    It is the probability of a split of the differing pairs that is at least as uneven, if each of
+    them goes either way with the same probability.
 
     Args:
-        only_a: pairs in which the first alone succeeded.
-        only_b: pairs in which the second alone did.
+        only_a: number of pairs in which only the first succeeded.
+        only_b: number of pairs in which only the second succeeded.
     """
     n = only_a + only_b
     tail = sum(math.comb(n, k) for k in range(min(only_a, only_b) + 1))
@@ -54,15 +58,15 @@ def mcnemar(only_a: int, only_b: int) -> float:
 
 
 def paired_difference(only_a: int, only_b: int, pairs: int) -> tuple[float, float]:
-    """Return the 95 % interval of the second share minus the first one's, of the same pairs.
+    """Return the 95 % interval of the second share of successes minus the first, for pairs.
 
-    Wald's after half a pair of each of the four kinds was added (Agresti and Min 2005), which holds
-    for few pairs too, and where none differ.
+    It is Wald's interval after half a pair of each of the four kinds has been added (Agresti and
+    Min 2005), which also holds for few pairs, and if none differ.
 
     Args:
-        only_a: pairs in which the first alone succeeded.
-        only_b: pairs in which the second alone did.
-        pairs: of all kinds.
+        only_a: number of pairs in which only the first succeeded.
+        only_b: number of pairs in which only the second succeeded.
+        pairs: number of all pairs.
     """
     n, more, differ = pairs + 2.0, only_b - only_a, only_a + only_b + 1.0
     half = _Z * math.sqrt(differ - more * more / n) / n
@@ -70,7 +74,7 @@ def paired_difference(only_a: int, only_b: int, pairs: int) -> tuple[float, floa
 
 
 def percentile(values: Sequence[float], percent: float) -> float | None:
-    """Return a percentile, interpolated between the two values next to it; None of no values."""
+    """Return a percentile, linearly interpolated between values; None: there are no values."""
     if not values:
         return None
     ordered = sorted(values)
@@ -81,13 +85,13 @@ def percentile(values: Sequence[float], percent: float) -> float | None:
 
 
 def with_interval(mean: float | None, interval: tuple[float, float] | None, digits: int) -> str:
-    """Return a mean and how far its 95 % interval goes to either side, if they are known."""
+    """Return the text of a mean and the half width of its 95 % interval, as far as known."""
     if interval is None:
         return "-" if mean is None else f"{mean:.{digits}f}"
     return f"{mean:.{digits}f} ±{0.5 * (interval[1] - interval[0]):.{digits}f}"
 
 
 def in_percent(interval: tuple[float, float]) -> str:
-    """Return the interval of a share in words."""
+    """Return the text of an interval of a share, in per cent."""
     low, high = (100.0 * share for share in interval)
     return f"{low:.0f}-{high:.0f} %"

@@ -1,4 +1,7 @@
-"""A video with what vision saw and what the core ordered drawn over its pictures."""
+"""Writes a video of a flight's pictures, with sightings and orders drawn into them.
+
+`landerd dry-run` writes one to show what landerd would have done.
+"""
 
 import math
 from pathlib import Path
@@ -24,8 +27,14 @@ class OrdersVideo(Observer):
     def __init__(self, path: Path, camera: CameraModel, layout: PadLayout, fps: float) -> None:
         """Make the file: .webm in VP8, which browsers play, or .mp4 in MPEG-4 Part 2.
 
+        Args:
+            path: of the file.
+            camera: of the pictures.
+            layout: of the pad.
+            fps: rate of the pictures.
+
         Raises:
-            VideoNotWritten: it cannot be made.
+            VideoNotWritten: the file cannot be made.
         """
         self._camera, self._layout = camera, layout
         self._frames = 0
@@ -37,14 +46,14 @@ class OrdersVideo(Observer):
         if not self._writer.isOpened():
             raise VideoNotWritten(f"{path}: this video cannot be written")
         self._lander: Lander | None = None
-        self._setpoint: Setpoint | None = None  # of the last tick; None: it gave none
+        self._setpoint: Setpoint | None = None  # of the last control step; None: there was none
 
     def on_flight(self, lander: Lander) -> None:
-        """Show what this core says of itself."""
+        """Show phase and reason of this core from now on."""
         self._lander = lander
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """Draw one picture."""
+        """Write one picture with what was seen, the phase and the last set-point."""
         picture = draw(frame.image, sightings, self._camera, self._layout)
         assert self._lander is not None
         lines = [f"{self._lander.phase.value}: {self._lander.reason}"]
@@ -63,7 +72,7 @@ class OrdersVideo(Observer):
         self._frames += 1
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """Note the order that the next picture shows."""
+        """Note the set-point that the next picture shows."""
         if isinstance(message, Tick):
             self._setpoint = None
         for command in commands:
@@ -71,7 +80,7 @@ class OrdersVideo(Observer):
                 self._setpoint = command
 
     def close(self) -> bool:
-        """Finish the file; return whether it can be played: its index is what comes last."""
+        """Finish the file; return whether it can be played, as its index is written last."""
         with quiet():
             self._writer.release()
             capture = cv2.VideoCapture(self._name)

@@ -1,4 +1,4 @@
-"""Documents of headings, paragraphs, tables and figures: as a page for the browser, or Markdown."""
+"""Documents of headings, paragraphs, tables and figures, written as an HTML page or as Markdown."""
 
 import html
 import io
@@ -17,7 +17,7 @@ figcaption, .small { color: #666; font-size: .9em; }
 .note { background: #fff3cd; padding: .3em .8em; border-left: 4px solid #e0a800; }
 table { border-collapse: collapse; } td { padding: .1em 1em .1em 0; vertical-align: top; }
 """
-# On a phone every line of a table becomes a card, its columns' heads before its cells.
+# On a narrow screen each row of a table becomes a card, with the columns' heads before the cells.
 TABLE_STYLE = """
 .figures td, .figures th { text-align: right; padding: .15em .7em .15em 0; font-size: .85em;
        font-variant-numeric: tabular-nums; }
@@ -49,7 +49,7 @@ _CODE = re.compile("`([^`]*)`")
 
 @dataclass(frozen=True)
 class Heading:
-    """A heading; level 1 is the document's."""
+    """A heading; level 1 is that of the document."""
 
     text: str
     level: int
@@ -57,31 +57,31 @@ class Heading:
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; `code` stands between backticks."""
+    """A paragraph; text between backticks is shown as code."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines as they stand, of a table or of commands."""
+    """Preformatted lines of a table or of commands."""
 
     lines: Sequence[str]
-    is_table: bool = False  # not to be broken
+    is_table: bool = False  # a table's lines are not wrapped
 
 
 @dataclass(frozen=True)
 class Table:
-    """Cells of text, the first column to the left; some rows stand out."""
+    """A table of texts, with its first column aligned to the left."""
 
-    head: Sequence[str]
+    head: Sequence[str]  # of the columns
     rows: Sequence[Sequence[str]]
-    strong: frozenset[int] = frozenset()  # indices of rows
+    strong: frozenset[int] = frozenset()  # indices of rows that are highlighted
 
 
 @dataclass(frozen=True)
 class Figures:
-    """Drawings beside each other, as SVG, with a caption; left out of Markdown."""
+    """SVG drawings side by side, with a caption; Markdown leaves them out."""
 
     drawings: Sequence[str]
     caption: str
@@ -91,7 +91,7 @@ Block = Heading | Text | Lines | Table | Figures
 
 
 def page(title: str, body: str) -> str:
-    """Return a whole HTML page."""
+    """Return a whole HTML page with a title and the HTML of its body."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'
@@ -101,12 +101,12 @@ def page(title: str, body: str) -> str:
 
 
 def as_html(title: str, blocks: Sequence[Block]) -> str:
-    """Return a document as a page with all in it."""
+    """Return a document as an HTML page in one file."""
     return page(title, "\n".join(html_of(block) for block in blocks))
 
 
 def html_of(block: Block) -> str:
-    """Return one block as a part of a page."""
+    """Return the HTML of one block."""
     match block:
         case Heading(text, level):
             return f"<h{level}>{html.escape(text)}</h{level}>"
@@ -139,7 +139,7 @@ def _html_table(table: Table) -> str:
 
 
 def as_markdown(blocks: Sequence[Block]) -> str:
-    """Return a document as Markdown, without its figures."""
+    """Return a document as Markdown, without figures."""
     return "\n\n".join(_markdown(b) for b in blocks if not isinstance(b, Figures)) + "\n"
 
 
@@ -162,7 +162,12 @@ def _markdown(block: Heading | Text | Lines | Table) -> str:
 
 
 def drawing(width_in: float, height_in: float, draw: Callable[[Any], None]) -> str:
-    """Return what is drawn onto a figure of matplotlib's as SVG, the same every time.
+    """Return a drawing by matplotlib as SVG, which is the same every time.
+
+    Args:
+        width_in: of the figure, inches.
+        height_in: of the figure, inches.
+        draw: draws onto a matplotlib figure.
 
     Raises:
         ImportError: matplotlib is not installed.

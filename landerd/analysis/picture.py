@@ -1,6 +1,7 @@
-"""One sheet that shows a landing: trajectory, altitude, distance, phases, what the camera saw.
+"""Draws a landing on one sheet: trajectory, height, distance, phases, and pictures of the camera.
 
-Needs matplotlib, which is not part of the flight install (`pip install matplotlib`).
+`landerd sim` writes such sheets; flight reports use the single plots. It needs matplotlib, which is
+not part of the flight install (`pip install matplotlib`).
 """
 
 from dataclasses import dataclass, field
@@ -27,9 +28,13 @@ COLOURS = {
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """The landing at one time: pad-centred axes, x to the pad's starting north, y east, z up."""
+    """Vehicle and pad at one time, on axes from the pad's place: x north, y east, z up, m.
 
-    t: float
+    In a simulated flight the axes are those of the pad at its start (see `Recording`); from a log,
+    local NED's about the pad's last place (see `Flight.samples`).
+    """
+
+    t: float  # since the start, s
     vehicle: Vec3  # centre of the feet, m
     pad: Vec3  # landing point, m
     phase: Phase
@@ -37,15 +42,15 @@ class Sample:
 
 @dataclass
 class Trace:
-    """A landing to draw."""
+    """What is drawn of a landing."""
 
     title: str
     samples: list[Sample] = field(default_factory=list)
-    views: list[tuple[str, NDArray[np.uint8]]] = field(default_factory=list)  # caption, BGR image
+    views: list[tuple[str, NDArray[np.uint8]]] = field(default_factory=list)  # caption, BGR picture
 
 
 def write_picture(trace: Trace, path: Path) -> None:
-    """Draw the sheet into a PNG file.
+    """Draw the sheet of a landing into a PNG file.
 
     Raises:
         ImportError: matplotlib is not installed.
@@ -72,7 +77,7 @@ def write_picture(trace: Trace, path: Path) -> None:
 
 
 def runs(samples: list[Sample]) -> list[tuple[Phase, list[Sample]]]:
-    """Split into runs of one phase; each run begins with the last sample of the one before."""
+    """Return samples by runs of the same phase; each begins with the last one before it."""
     runs: list[tuple[Phase, list[Sample]]] = []
     for s in samples:
         if not runs or runs[-1][0] is not s.phase:

@@ -1,4 +1,4 @@
-"""Errors over the distance, fitted as the thesis fits them (eq. 3.3 to 3.5)."""
+"""Polynomial regression of errors over the distance, as in the thesis (eq. 3.3 to 3.5)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,11 +10,16 @@ from landerd.analysis.intervals import t_quantile
 
 
 def regression(x: Sequence[float], y: Sequence[float], degree: int) -> dict[str, Any] | None:
-    """Return a polynomial's fit as of eq. 3.3 to 3.5; None of too few points.
+    """Return the fit of a polynomial; None: there are too few points.
+
+    Args:
+        x: distances, m.
+        y: errors at these distances.
+        degree: of the polynomial.
 
     Returns:
-        `polynomial`, the highest power first, the 95 % interval of each (`polynomial_95`), the
-        standard error (`sigma`) and how many `samples`.
+        the coefficients (`polynomial`), the highest power first; the 95 % interval of each
+        (`polynomial_95`); the standard error (`sigma`); and the number of `samples`.
     """
     if len(x) <= degree + 1 or len(x) != len(y):
         return None
@@ -31,7 +36,7 @@ def regression(x: Sequence[float], y: Sequence[float], degree: int) -> dict[str,
 
 
 def in_words(fit: Mapping[str, Any]) -> str:
-    """Return a regression in words."""
+    """Return a result of `regression` as a line of text."""
     ends = zip(fit["polynomial"], fit["polynomial_95"], strict=True)
     terms = " ".join(f"{c:+.3g} ±{high - c:.2g}" for c, (_, high) in ends)
     return (

@@ -1,4 +1,4 @@
-"""One HTML file, with all in it, about one flight or several.
+"""Reports on one flight or several, each a single HTML file: `landerd report`.
 
 Plots need matplotlib, which is not part of the flight install (`pip install matplotlib`).
 """
@@ -27,20 +27,23 @@ from landerd.messages import Frame, Sightings
 from landerd.vision.draw import draw
 
 NO_PLOTS = "Without plots: they need matplotlib (pip install matplotlib)."
-NEAR_S = 1.0  # a recorded picture this close to a change of phase shows it
-_WIDTH_IN = 10.0  # of all plots
+# Largest time between a change of phase and the recorded picture that is shown for it.
+NEAR_S = 1.0
+_WIDTH_IN = 10.0  # width of all plots, inches
 
 
 class _Plot(NamedTuple):
+    """A plot of a report."""
+
     title: str
     caption: str
     height_in: float
-    draw: Callable[[Any, Flight], None]  # onto a figure of matplotlib's
-    is_there: Callable[[Flight], bool]  # what it shows
+    draw: Callable[[Any, Flight], None]  # draws onto a matplotlib figure
+    is_there: Callable[[Flight], bool]  # tells whether a flight has what the plot shows
 
 
 def report(flights: list[Flight]) -> str:
-    """Return the page; without plots if matplotlib is not installed."""
+    """Return the HTML page; it has no plots if matplotlib is not installed."""
     blocks = flights_table.section(flights) if len(flights) > 1 else []
     parts = [html_of(block) for block in blocks]
     parts += [_section(flight) for flight in flights]
@@ -50,6 +53,7 @@ def report(flights: list[Flight]) -> str:
 
 
 def _section(flight: Flight) -> str:
+    """Return the HTML of one flight."""
     log = flight.log
     out = [f"<h1>{html.escape(log.path.name)}</h1>"]
     out += [f'<p class="note">{html.escape(note)}</p>' for note in _notes(flight)]
@@ -72,6 +76,7 @@ def _section(flight: Flight) -> str:
 
 
 def _notes(flight: Flight) -> list[str]:
+    """Return remarks on the log: defects, and what was not recorded."""
     notes = list(flight.log.notes)
     dropped = flight.log.dropped
     if dropped is not None:
@@ -83,6 +88,7 @@ def _notes(flight: Flight) -> list[str]:
 
 
 def _figure(plot: _Plot, flight: Flight) -> list[str]:
+    """Return the HTML of a plot."""
     drawn = drawing(_WIDTH_IN, plot.height_in, lambda figure: plot.draw(figure, flight))
     return [
         f"<h2>{html.escape(plot.title)}</h2>",
@@ -94,6 +100,7 @@ def _figure(plot: _Plot, flight: Flight) -> list[str]:
 
 
 def _views(flight: Flight) -> list[str]:
+    """Return the HTML of recorded pictures near changes of phase, with sightings drawn in."""
     log = flight.log
     seen = {s.seq: s for s in flight.sightings}
     wanted = flight.changes
@@ -122,6 +129,7 @@ def _views(flight: Flight) -> list[str]:
 
 
 def _image(image: NDArray[np.uint8]) -> str:
+    """Return the HTML of a picture, which contains it as a JPEG."""
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 70])
     text = base64.b64encode(data.tobytes()).decode()
     return f'<img alt="" src="data:image/jpeg;base64,{text}">'
@@ -131,6 +139,7 @@ def _image(image: NDArray[np.uint8]) -> str:
 
 
 def _way(figure: Any, flight: Flight) -> None:
+    """Draw the trajectory from the side, in the direction of the start, and from above."""
     samples = flight.samples()
     left, right = figure.subplots(1, 2)
     pad = samples[-1].pad
@@ -150,14 +159,17 @@ def _way(figure: Any, flight: Flight) -> None:
 
 
 def _has_way(flight: Flight) -> bool:
+    """Tell whether there is a trajectory."""
     return len(flight.samples()) > 1
 
 
 def _over_time(figure: Any, flight: Flight) -> None:
+    """Draw height, distance and phases over time."""
     picture.over_time(figure.add_subplot(), flight.samples())
 
 
 def _errors(figure: Any, flight: Flight) -> None:
+    """Draw the estimated position of the pad, its sigma, and the error of the heading."""
     above, middle, below = figure.subplots(3, 1, sharex=True)
     states = [s for s in flight.log.states if s.relative is not None]
     t = [s.t - flight.zero for s in states]
@@ -184,6 +196,7 @@ def _errors(figure: Any, flight: Flight) -> None:
 
 
 def _pointing(figure: Any, flight: Flight) -> None:
+    """Draw the pad's position in the camera frame."""
     poses = [(s.t - flight.zero, s.pad[0].position) for s in flight.sightings if s.pad]
     for axes, i, name in zip(figure.subplots(3, 1, sharex=True), range(3), "xyz", strict=True):
         axes.plot([t for t, _ in poses], [p[i] for _, p in poses], lw=1)
@@ -194,6 +207,7 @@ def _pointing(figure: Any, flight: Flight) -> None:
 
 
 def _velocities(figure: Any, flight: Flight) -> None:
+    """Draw flown velocities and set-points."""
     flown_t = [t for t, _ in flight.positions]
     asked_t = [t for t, _ in flight.setpoints]
     names = ("north", "east", "down")
@@ -207,7 +221,7 @@ def _velocities(figure: Any, flight: Flight) -> None:
 
 
 def _broken(t: list[float], values: list[float]) -> tuple[list[float], list[float]]:
-    """Break a line where nothing was sent."""
+    """Return a line over time with a gap wherever nothing was sent for half a second."""
     times, parts = list[float](), list[float]()
     for at, value in zip(t, values, strict=True):
         if times and at - times[-1] > 0.5:
@@ -219,6 +233,7 @@ def _broken(t: list[float], values: list[float]) -> tuple[list[float], list[floa
 
 
 def _health(figure: Any, flight: Flight) -> None:
+    """Draw innovations, refused sightings, ages of pictures, and errors of clock and lens."""
     fit, refused, ages, clock, lens = figure.subplots(5, 1, sharex=True)
     known = [(s.t - flight.zero, s.health) for s in flight.log.states if s.health is not None]
     t = [at for at, _ in known]
@@ -250,6 +265,7 @@ def _health(figure: Any, flight: Flight) -> None:
 def _band(
     axes: Any, t: list[float], values: list[float], sigma: list[float], colour: str, name: str = ""
 ) -> None:
+    """Draw values over time with a band of one sigma."""
     axes.plot(t, values, color=colour, label=name)
     low = [v - s for v, s in zip(values, sigma, strict=True)]
     high = [v + s for v, s in zip(values, sigma, strict=True)]
@@ -257,6 +273,7 @@ def _band(
 
 
 def _battery(figure: Any, flight: Flight) -> None:
+    """Draw the battery's voltage and the energy used."""
     axes = figure.add_subplot()
     t = [b.t - flight.zero for b in flight.batteries]
     axes.plot(t, [b.voltage_v if b.voltage_v is not None else math.nan for b in flight.batteries])
@@ -271,7 +288,7 @@ def _battery(figure: Any, flight: Flight) -> None:
 
 
 def _finish(figure: Any, flight: Flight) -> None:
-    """Give all plots over time the same axis, and the phases as background."""
+    """Give all plots over time the same axis, and phases as background colours."""
     ends = [t for t, _ in flight.changes[1:]] + [flight.end]
     for axes in figure.axes:
         axes.set_xlim(0.0, flight.end)
@@ -327,7 +344,7 @@ _PLOTS = (
 
 
 def write_report(flights: list[Flight], path: Path) -> None:
-    """Write the page into a file.
+    """Write the report on flights into a file.
 
     Raises:
         OSError: the file cannot be written.

@@ -1,8 +1,8 @@
-"""Errors of the sightings of flights, from their logs alone, real or simulated.
+"""Errors of sightings from flight logs alone, of real or simulated flights.
 
-The truth is where the marker was seen from nearby, at the end: a sighting from far is judged by
-what the same flight knew later. The thesis had its simulator's truth (3.3, 3.4). Only flights onto
-a pad that stood are judged.
+The true position of a marker is taken to be that seen from nearby at the end of the flight, so that
+a sighting from far away is compared to what the same flight knew later. (The thesis had its
+simulator's truth: 3.3, 3.4.) Only flights onto a pad that stood still are used.
 """
 
 import math
@@ -21,32 +21,32 @@ from landerd.estimation.observation import Clocks, ObservationModel
 from landerd.geometry import Vec3, norm, sub, wrap
 from landerd.messages import Attitude, GimbalState, LocalPosition, Sightings
 
-NEAREST = 20  # sightings of a marker whose median is taken for the truth
-STANDS_MPS = 0.1  # a pad that is slower stands
-BIN_M = 2.0
+NEAREST = 20  # number of nearest sightings of a marker whose median is its true pose
+STANDS_MPS = 0.1  # largest estimated speed of a pad that stands still
+BIN_M = 2.0  # width of the table's bins of distance
 
 
 class Seen(NamedTuple):
-    """A marker as one picture shows it, in the local frame of the flight's beginning."""
+    """A marker seen in one picture, in the local frame of the flight's beginning."""
 
     kind: str
     range_m: float
-    position: Vec3
-    heading: float | None
+    position: Vec3  # m
+    heading: float | None  # rad; None: the marker shows none
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A sighting against the truth."""
+    """The error of one sighting."""
 
     kind: str
     range_m: float
     error_m: float
-    yaw_error_rad: float | None  # without its sign
+    yaw_error_rad: float | None  # absolute; None: the marker shows no heading
 
 
 def judged(flight: Flight) -> list[Judged] | None:
-    """Return the errors of a flight's sightings; None if its pad moved, or that is not known.
+    """Return the errors of a flight's sightings; None: its pad moved, or its speed is unknown.
 
     Raises:
         ConfigError: the log's configuration cannot be used.
@@ -61,7 +61,7 @@ def judged(flight: Flight) -> list[Judged] | None:
 
 
 def _sightings(flight: Flight) -> list[Seen]:
-    """Return every marker's likelier pose, placed by the telemetry of its exposure."""
+    """Return all markers seen, by their likelier pose and the telemetry at the exposure."""
     log = flight.log
     config, _ = from_record(log.config, log.path.name)
     poses = PoseHistory(config)
@@ -82,10 +82,11 @@ def _sightings(flight: Flight) -> list[Seen]:
 
 
 def _against_nearest(seen: Sequence[Seen]) -> list[Judged]:
+    """Return the errors of the sightings of one marker against its nearest ones."""
     nearest = sorted(seen, key=lambda s: s.range_m)[:NEAREST]
     x, y, z = (median(s.position[i] for s in nearest) for i in range(3))
     headings = [s.heading for s in nearest if s.heading is not None]
-    # About the first of them: angles have no median across the seam at pi.
+    # The median is taken of differences to the first, as angles wrap around at pi.
     truth = headings[0] + median(wrap(h - headings[0]) for h in headings) if headings else None
     return [
         Judged(
@@ -99,14 +100,14 @@ def _against_nearest(seen: Sequence[Seen]) -> list[Judged]:
 
 
 def section(flights: Sequence[Flight]) -> list[Block]:
-    """Return what there is to say of the sightings of these flights together."""
+    """Return the part of a report on errors of the sightings of flights; empty: there are none."""
     sightings: list[Judged] = []
     count = 0
     for flight in flights:
         try:
             found = judged(flight)
         except ConfigError:
-            continue  # of a landerd whose configuration is no longer known
+            continue  # the log is of a version of landerd with another configuration
         if found:
             sightings += found
             count += 1
@@ -124,6 +125,7 @@ def section(flights: Sequence[Flight]) -> list[Block]:
 
 
 def _of_kind(kind: str, sightings: Sequence[Judged]) -> list[Block]:
+    """Return heading, table by distance, and regressions for one kind of marker."""
     bins: dict[int, list[Judged]] = {}
     for each in sightings:
         bins.setdefault(int(each.range_m / BIN_M), []).append(each)
@@ -146,6 +148,7 @@ def _of_kind(kind: str, sightings: Sequence[Judged]) -> list[Block]:
 
 
 def _regressions(sightings: Sequence[Judged]) -> list[str]:
+    """Return lines on the regressions of errors over the distance."""
     errors = regression([s.range_m for s in sightings], [s.error_m for s in sightings], 3)
     known = [(s.range_m, s.yaw_error_rad) for s in sightings if s.yaw_error_rad is not None]
     yaws = regression([x for x, _ in known], [y for _, y in known], 2)
