@@ -66,13 +66,13 @@ class Simulation:
     """A world, its devices, the daemon that flies in it, and the judge.
 
     Attributes:
-        over: event that ends the flight when it is set.
-        has_pictures: pictures are rendered and searched; else sight is modelled.
-        timed_out: the flight took longer than allowed.
+        over: ends the flight as soon as it is True.
+        has_pictures: whether pictures are rendered and searched; else sight is modelled.
+        timed_out: whether the flight took longer than allowed.
         gimbal_model: the simulated device of a real gimbal's driver, if it runs as a task.
     """
 
-    # Of the stand-in; not there if it flies in other surroundings.
+    # The simulated autopilot and its links; they do not exist in other surroundings.
     stand_in: StandIn
     autopilot: SimAutopilot
     link: MemoryLink
@@ -93,9 +93,9 @@ class Simulation:
         Args:
             loaded: the configuration.
             seed: of all that is random.
-            realtime: the loop's clock does not wait for the machine: vision in a thread.
-            surroundings: where it flies; None: with the simulated autopilot and ground station.
-            log: where to record the flight.
+            realtime: whether the loop's clock is that of the machine, with vision in a thread.
+            surroundings: world and autopilot; None: those of the simulator.
+            log: file in which to record the flight; None: it is not recorded.
             observers: further observers of the daemon.
 
         Raises:
@@ -107,8 +107,7 @@ class Simulation:
         self.config = loaded.config
         self.layout = load_pad(self.config.pad.layout)
         self.camera_model = load_camera(self.config.camera.calibration)
-        # The daemon uses calibration and layout. The world's lens is not quite the calibrated
-        # one, nor its pad quite what the layout says.
+        # The daemon uses calibration and layout; the true lens and pad may differ from them.
         self._lens = true_camera(self.camera_model, self._options.camera.calibration_error)
         self._pad = printed(self.layout, self._options.pad, seed)
         self.over = self.timed_out = False
@@ -154,7 +153,7 @@ class Simulation:
 
     def _make_autopilot(self) -> MavlinkAutopilot:
         autopilot = make_autopilot(self.config, self._link, ParameterSet(self.config))
-        assert isinstance(autopilot, MavlinkAutopilot)  # what the stand-in speaks
+        assert isinstance(autopilot, MavlinkAutopilot)  # the simulated one speaks MAVLink only
         return autopilot
 
     def _make_devices(self, autopilot: MavlinkAutopilot, flown_by: SimAutopilot | None) -> None:
@@ -162,7 +161,7 @@ class Simulation:
 
         Args:
             autopilot: the daemon's driver, through which some gimbals are driven.
-            flown_by: the stand-in's autopilot, which drives some gimbals; None: SITL flies.
+            flown_by: the simulated autopilot, which drives some gimbals; None: SITL flies.
         """
         loaded, world, seed = self._loaded, self.world, self._seed
         self.camera = simulated_camera(
@@ -208,7 +207,7 @@ class Simulation:
 
         def renderer(render: RenderOptions, print_: PadOptions) -> Renders:
             if not self.has_pictures:
-                return self.camera.pictures  # light and print are not modelled in this detail
+                return self.camera.pictures  # modelled sight has no effects of light and print
             return Renderer(pad, lens, render, seed, self.world.options.camera, print_)
 
         return Bench(
@@ -240,6 +239,7 @@ class Simulation:
         )
 
     def _with_stand_in(self) -> Surroundings:
+        """Make the simulated autopilot, ground station and pilot, and return the surroundings."""
         config, options, seed = self.config, self._options, self._seed
         built = as_built(config.vehicle, options.build)
         world = World(options, built, self.layout.plate, seed)
@@ -265,6 +265,7 @@ class Simulation:
         )
 
     def _make_recorder(self, path: Path) -> Recorder:
+        """Return a recorder; logs of an earlier run at this path are removed."""
         _remove_logs(path)
         options = self.config.log
         if not self.has_pictures:
@@ -279,7 +280,7 @@ class Simulation:
 
     @property
     def logs(self) -> list[str]:
-        """The flight logs: a further one for each restart of landerd."""
+        """Paths of the flight logs, of which there is one more for each restart of landerd."""
         return [] if self.recorder is None else [str(path) for path in self.recorder.logs]
 
     # ---- the flight ----------------------------------------------------------------------------
@@ -293,8 +294,8 @@ class Simulation:
         """Fly until the vehicle is disarmed after contact, or the longest time has passed.
 
         Args:
-            longest_s: simulated time at most.
-            script: runs beside the flight, and may break devices.
+            longest_s: longest simulated time.
+            script: runs beside the flight, and may make devices fail; None: nothing does.
         """
         loop = asyncio.get_running_loop()
         async with asyncio.TaskGroup() as tasks:
@@ -382,13 +383,13 @@ def simulate(
         loaded: the configuration.
         scenario: its name, for the result.
         seed: of all that is random.
-        longest_s: simulated time at most.
-        realtime: no faster than a real flight.
-        picture: where to draw the flight.
-        log: where to record it.
-        progress: called with a line of text now and then.
+        longest_s: longest simulated time.
+        realtime: whether to fly in real time, instead of as fast as possible.
+        picture: file of the flight's drawing; None: none is drawn.
+        log: file of the flight log; None: none is written.
+        progress: called with lines for the user; None: nobody is told.
         watch: called with the daemon before it runs, so that it may observe it.
-        with_path: the result has `path`, for figures (landerd.simulation.path).
+        with_path: whether the result has `path`, for figures (landerd.simulation.path).
 
     Raises:
         CalibrationError: the camera's calibration cannot be used.
@@ -400,7 +401,7 @@ def simulate(
     simulation.recording.progress = progress
     if watch is not None:
         watch(simulation.daemon)
-    gc.freeze()  # collections then look only at what the flight makes
+    gc.freeze()  # garbage collections then visit only objects that the flight makes
     try:
         run = run_realtime if realtime else run_virtual
         run(simulation.run(longest_s=longest_s))

@@ -1,1 +1,1 @@
-"""Sight without pictures: what vision would have found, drawn from simulated truth."""
+"""Modelled sight: what vision would have found, made from simulated truth without pictures."""

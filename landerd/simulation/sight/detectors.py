@@ -1,8 +1,8 @@
-"""Vision's detectors where there are no pictures: they draw what they would have found.
+"""Vision's detectors for flights with modelled sight: they make up what would have been found.
 
-A picture's number tells the true view. The edges of each marker go through the world's lens, get
-vision's noise, and come back through the lens that landerd believes in; the poses that explain them
-are what is seen. All else of vision is the real one.
+A picture's number leads to the true view (`numbered`). The edges of each marker are projected by
+the true lens, get vision's noise, and are back-projected by the lens of landerd's calibration. The
+poses that explain them are what is seen. The rest of vision is the real one.
 """
 
 import math
@@ -47,35 +47,36 @@ from landerd.vision.square_pose import corner_information, planar_poses, square_
 from landerd.vision.tone import LINEAR
 from landerd.vision.whycode import FoundCode, mirrored_pose
 
-_PLATE = 1  # of a ring's draws: those for its plate
-_FAR_PAD = 0.001  # share of a picture
-_SIZE_FACTOR = 2.0  # within which a ring's size must be known to be found in a window
+_PLATE = 1  # part of the random seed of a ring's plate
+_FAR_PAD = 0.001  # share of a picture covered by a pad that is too far away to be found
+_SIZE_FACTOR = 2.0  # largest ratio of expected and actual size with which a ring is found
 
 
 @dataclass(frozen=True, slots=True)
 class _Sight:
     """One marker in one picture, as it would be measured."""
 
-    px: F64  # (n, 2) of its edges that are shown
-    shown: float  # share of them
-    size_px: float
-    chance: float  # that it is not found is less likely than this: from 0 to 1, drawn
-    found: float  # share of such sights in which it is
-    pose: Pose  # that explains it, with the stated information
+    px: F64  # places of its edges that are in the picture, (n, 2)
+    shown: float  # share of its edges in the picture
+    size_px: float  # its smaller width in the picture
+    chance: float  # random number, 0 to 1: the marker is found if it is below `found`
+    found: float  # share of such markers that are found
+    pose: Pose  # that explains the marker, with the stated information
     edges: SeenEdges
-    offset_px: F64
-    weight: F64
-    blur_px: float
-    by_edges: bool  # a ring is fitted to its edges alone
-    bias: F64  # (6,) standard normal: of what no residual shows
+    offset_px: F64  # random errors of the edges' places, see `fitted`
+    weight: F64  # their inverse variances, see `fitted`
+    blur_px: float  # sigma
+    by_edges: bool  # whether a ring is fitted to its edges alone
+    bias: F64  # standard normal random numbers for errors that residuals do not show, (6,)
 
     @property
     def is_found(self) -> bool:
+        """Whether the marker is found."""
         return self.chance < self.found
 
 
 class ModelledDetectors:
-    """Implements landerd.vision.Detectors."""
+    """Implements landerd.vision.Detectors; images are those of `NumberedPictures`."""
 
     def __init__(
         self,
@@ -90,13 +91,13 @@ class ModelledDetectors:
         """Prepare the markers.
 
         Args:
-            layout: the pad as landerd's file has it.
-            printed: as it is in the world.
-            believed: landerd's calibration.
-            lens: the world's.
-            options: the world.
-            pictures: know what each would show.
-            seed: of what is found, and how far off.
+            layout: of the pad in landerd's file.
+            printed: of the pad in the world.
+            believed: the camera by landerd's calibration.
+            lens: the true camera.
+            options: of the simulated world.
+            pictures: know the view of each picture.
+            seed: of what is found, and of errors.
         """
         self._layout, self._camera, self._options = layout, believed, options
         self._world = WorldView(printed, lens, options)
@@ -109,7 +110,7 @@ class ModelledDetectors:
         self._view: View | None = None
         self._sights: dict[int, _Sight | None] = {}
 
-    # ---- what vision asks ------------------------------------------------------------------------
+    # ---- landerd.vision.Detectors ----------------------------------------------------------------
 
     def track_ring(
         self,
@@ -121,7 +122,7 @@ class ModelledDetectors:
         *,
         vouched: bool = False,
     ) -> MarkerSighting | None:
-        """Return the ring if its edges are where they are expected, to some pixels."""
+        """Return the ring if its edges are near where they are expected."""
         sight = self._sight(image, ring)
         if sight is None or not sight.is_found:
             return None
@@ -146,7 +147,7 @@ class ModelledDetectors:
         refuses: Refusal | None = None,
         vouched: bool = False,
     ) -> list[MarkerSighting]:
-        """Return the ring if it lies in the window."""
+        """Return the ring if it is in the window, of about the expected size."""
         sight = self._sight(image, ring)
         if sight is None or not sight.is_found or not _holds(window, sight.px):
             return []
@@ -159,11 +160,11 @@ class ModelledDetectors:
     def ring_on_plate(
         self, image: Image, ring: Ring, expected: F64, down: Vec3
     ) -> MarkerSighting | None:
-        """Return None: what hides a ring in its place is not modelled."""
+        """Return None: nothing that hides a ring is modelled."""
         return None
 
     def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | None:
-        """Return the square if its edges are where they are expected, to a cell."""
+        """Return the square if its edges are within a cell of where they are expected."""
         sight = self._sight(image, square)
         if sight is None or not sight.is_found or sight.pose.normal @ expected.normal < 0.9:
             return None
@@ -194,7 +195,7 @@ class ModelledDetectors:
         *,
         evened_px: int | None = None,
     ) -> list[FoundSquare]:
-        """Return the squares that lie wholly in the window; even light shows no others."""
+        """Return the squares that are wholly in the window; evened light shows no others."""
         if evened_px is not None:
             return []
         found = []
@@ -214,7 +215,7 @@ class ModelledDetectors:
     def squares_beside(
         self, image: Image, ring: Ring, sighting: MarkerSighting
     ) -> list[FoundSquare]:
-        """Return none: what hides a square's code is not modelled."""
+        """Return none: nothing that hides a square's code is modelled."""
         return []
 
     def other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> int | None:
@@ -224,7 +225,7 @@ class ModelledDetectors:
     def square_poses(
         self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
     ) -> tuple[list[Pose], str]:
-        """Return the poses that explain a square, best first, and by which stage."""
+        """Return the poses that explain a square, best first, and the stage that fitted them."""
         sight = self._sight(image, found.square)
         assert sight is not None
         best = sight.pose
@@ -251,11 +252,11 @@ class ModelledDetectors:
         return found
 
     def is_blank(self, image: Image) -> bool:
-        """Return False, as of `is_textured`."""
+        """Return False: modelled pictures are never blank."""
         return False
 
     def is_textured(self, image: Image) -> bool:
-        """Return False: what is modelled costs nothing to look for."""
+        """Return False: modelled searches take no time."""
         return False
 
     def lacks_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
@@ -263,13 +264,13 @@ class ModelledDetectors:
         return False
 
     def has_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
-        """Return True, likewise."""
+        """Return True: there are no look-alikes."""
         return True
 
     def plate_north(
         self, image: Image, ring: Ring, sighting: MarkerSighting, known: F64 | None
     ) -> PlateNorth | None:
-        """Return the pad's north about a ring beside which it has other markers."""
+        """Return the pad's north by the plate of a ring that has other markers beside it."""
         view, sight = self._look(image), self._sight(image, ring)
         if view is None or sight is None or not has_beside(self._layout, ring):
             return None
@@ -282,7 +283,7 @@ class ModelledDetectors:
         return PlateNorth(R[:, 0], stated)
 
     def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
-        """Return the brightness of white, or of the ground and whether white is clipped."""
+        """Return the brightness of the pad's white; without a pad, of the ground, and clipping."""
         view = self._look(image)
         levels = self._sensitivity.levels(None if view is None else view.exposure)
         if pad is not None:
@@ -295,7 +296,10 @@ class ModelledDetectors:
     def _ring_sighting(
         self, ring: Ring, sight: _Sight, down: Vec3 | None, *, level_only: bool
     ) -> MarkerSighting:
-        """Return both poses of a ring; level only: the mirrored one if a pad could lie so."""
+        """Return a ring with both its poses.
+
+        If `level_only`, the mirrored pose is left out unless a pad could lie that way.
+        """
         fits = [self._ring_fit(ring, sight, sight.pose)]
         start = mirrored_pose(sight.pose, ring.radius_m)
         if start is not None and (
@@ -308,10 +312,11 @@ class ModelledDetectors:
         return ring_sighting(fits, ring, self._camera, down)
 
     def _ring_fit(self, ring: Ring, sight: _Sight, pose: Pose) -> RingFit:
+        """Return a pose of a ring as vision's fits give it, with position and tilt only."""
         e = np.array([*tangents(pose.normal), pose.normal])
         C = np.linalg.inv(pose.information)
-        # A turn w moves the normal by w x n: along a tangent by w . (n x tangent), and the
-        # tangents' handedness is that of both rows.
+        # A turn w moves the normal by w x n: along a tangent by w . (n x tangent), whichever
+        # handedness the tangents have.
         to_axes = np.zeros((5, 6))
         to_axes[:3, :3] = e
         first, second, normal = (vec3(axis) for axis in e)
@@ -343,6 +348,7 @@ class ModelledDetectors:
         )
 
     def _code_poses(self, code: WhyCode, sight: _Sight, normal: Vec3 | None) -> tuple[Pose, ...]:
+        """Return the poses that explain a WhyCode, best first."""
         poses = [sight.pose]
         if normal is None or sight.pose.normal @ np.array(normal) < SAME_SOLUTION_COS:
             start = mirrored_pose(sight.pose, code.radius_m)
@@ -355,14 +361,14 @@ class ModelledDetectors:
     # ---- one picture -----------------------------------------------------------------------------
 
     def _look(self, image: Image) -> View | None:
-        """Return what a picture shows; what is drawn of it is drawn once."""
+        """Return the view of a picture; random numbers for it are drawn only once."""
         if image is not self._image:
             self._image, self._view = image, self._pictures.view_of(image)
             self._sights.clear()
         return self._view
 
     def _sight(self, image: Image, marker: Marker) -> _Sight | None:
-        """Return how a marker is seen; None: out of sight, or too little of it."""
+        """Return a marker as it would be measured; None: too little of it is in the picture."""
         view = self._look(image)
         number = self._layout.markers.index(marker)
         if view is None:
@@ -378,6 +384,7 @@ class ModelledDetectors:
         return statistics.KINDS[marker.kind].least_shown
 
     def _drawn(self, image: Image, view: View, number: int) -> _Sight | None:
+        """Draw random numbers for a marker in a picture, and return it; see `_sight`."""
         marker, edges = self._layout.markers[number], self._edges[number]
         seen = self._world.seen(image, view, number)
         kind = statistics.KINDS[marker.kind]
@@ -416,12 +423,16 @@ class ModelledDetectors:
         return replace(sight, pose=self._biased(marker, sight, pose))
 
     def _fitted(self, marker: Marker, sight: _Sight, start: Pose) -> Pose | None:
-        """Return another pose that explains the marker."""
+        """Return the pose near a start that explains the marker; None: there is none."""
         pose = fitted(sight.edges, start, sight.offset_px, sight.weight)
         return None if pose is None else self._biased(marker, sight, pose)
 
     def _biased(self, marker: Marker, sight: _Sight, pose: Pose) -> Pose:
-        """Return a pose with the errors that no residual shows; of a square they are stated."""
+        """Return a pose with random errors that residuals do not show.
+
+        For squares and codes they are added to the stated information; for rings, `ring_sighting`
+        does that.
+        """
         if isinstance(marker, Ring):
             alike, *aside = statistics.ring_bias_px(
                 sight.size_px, sight.bias[:3], by_edges=sight.by_edges
@@ -437,13 +448,16 @@ class ModelledDetectors:
         return Pose(moved.R, moved.t, information, pose.cost)
 
     def _blur(self, along_px: F64) -> F64:
-        """Return the blur of edges that move so far across themselves while exposed, px."""
+        """Return the blur (sigma) of edges, px.
+
+        `along_px` (..., k) is the path during the exposure that counts for each edge.
+        """
         still = math.hypot(self._options.render.defocus_px, statistics.PIXEL_BLUR)
         blur: F64 = np.sqrt(still**2 + (along_px * along_px).sum(axis=-1) / 12.0)
         return blur
 
     def _rays(self, seen: Seen) -> F64:
-        """Return where landerd believes that the edges are seen, (n, 2)."""
+        """Return the rays of the edges by landerd's calibration, on z = 1, (n, 2)."""
         px = np.where(seen.shown[:, None], seen.px, (self._camera.cx, self._camera.cy))
         return self._camera.rays(px)
 
@@ -456,7 +470,7 @@ class ModelledDetectors:
         lie: Across,
         levels: Levels,
     ) -> F64:
-        """Return the inverse variances (n,) of the edges' places, 1/px^2; of those not shown 0."""
+        """Return the inverse variances (n,) of the edges' places, 1/px^2; 0 if not shown."""
         apart_px = edges.apart_m * self._focal * _slant(seen.pose) / float(seen.pose.t[2])
         blur = self._blur((lie.normal @ seen.path_px)[:, None])
         variance = statistics.edge_variance(kind, size_px, blur, apart_px, levels)
@@ -469,11 +483,11 @@ class ModelledDetectors:
 
 
 def _offset(inverse_variance: F64, rng: np.random.Generator) -> F64:
-    """Draw how far each edge (n,) is found from its place, px; 0 where it is not shown.
+    """Return random errors (n,) of the edges' places, px; 0 if an edge is not shown.
 
     Args:
-        inverse_variance: of the edges' places (n,), 1/px^2; 0 where an edge is not shown.
-        rng: to draw from.
+        inverse_variance: of the edges' places, 1/px^2, (n,); 0 if an edge is not shown.
+        rng: source of the errors.
     """
     noise = rng.standard_normal(len(inverse_variance)) / np.sqrt(np.maximum(inverse_variance, 1e-9))
     offset: F64 = np.where(inverse_variance > 0.0, noise, 0.0)
@@ -481,7 +495,7 @@ def _offset(inverse_variance: F64, rng: np.random.Generator) -> F64:
 
 
 def _slant(pose: Pose) -> float:
-    """Return the cosine of the angle under which a marker is seen."""
+    """Return the cosine of the angle between a marker's normal and the line of sight."""
     return float(pose.normal @ pose.t) / float(np.linalg.norm(pose.t))
 
 
@@ -494,10 +508,11 @@ def _holds(window: Window | None, px: F64) -> bool:
 
 
 def _ranked(poses: list[Pose], unit: float) -> list[Pose]:
-    """Return poses best first, their costs from the best's on."""
+    """Return poses, best first, with the differences of their costs to the best over `unit`."""
     poses = sorted(poses, key=lambda p: p.cost)
     return [_with_cost(p, (p.cost - poses[0].cost) / unit) for p in poses]
 
 
 def _with_cost(pose: Pose, cost: float) -> Pose:
+    """Return a pose with another cost."""
     return Pose(pose.R, pose.t, pose.information, cost)

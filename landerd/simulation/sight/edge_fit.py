@@ -1,8 +1,8 @@
-"""A marker's pose by least squares on the places of its edges, as vision has them.
+"""Fits a marker's pose to the places of its edges by least squares, in place of vision's fits.
 
-Of an edge a picture tells only where it lies across: with contrast A between levels, blur s and
-noise sigma, each pixel length of it to a variance of 2 sqrt(pi) s (sigma / A)^2 (the Cramér-Rao
-bound, see `bench.vision_ring`).
+A picture shows only an edge's place across itself. With a contrast A, a blur s and noise sigma, the
+variance of that place is 2 sqrt(pi) s (sigma / A)^2 for each pixel of the edge's length (the
+Cramér-Rao bound, see `bench.vision_ring`).
 """
 
 from dataclasses import dataclass
@@ -14,36 +14,36 @@ from landerd.camera_model import F64
 from landerd.simulation.sight.edges import Edges
 from landerd.vision.pose import Pose
 
-_STEPS = 4
-_CONVERGED = 0.5  # reduction of chi-square by a step: the next one is far smaller
-_TILT_STEP, _TILT_SIGMA = 0.2, 1.0  # rad: as `ring_fit` damps steps, and knows tilts
-_TILTS = slice(
-    21, None, 7
-)  # the last three of a diagonal (6, 6); by indices it takes ten times as long
-_FREE = 1e-6  # 1/rad^2: what nothing tells (a ring's turn) is held by so much
+_STEPS = 4  # largest number of Gauss-Newton steps
+_CONVERGED = 0.5  # reduction of chi-square by the last step: a further one is far smaller
+# Sigmas of rotations by which steps are damped, and which are assumed beforehand, as in `ring_fit`.
+_TILT_STEP, _TILT_SIGMA = 0.2, 1.0  # rad
+# The last three elements of the diagonal of a flattened (6, 6); index arrays take ten times longer.
+_TILTS = slice(21, None, 7)
+_FREE = 1e-6  # information on rotations that nothing shows, as a ring's about its normal, 1/rad^2
 
 
 @dataclass(frozen=True, slots=True)
 class SeenEdges:
-    """The pieces of a print that a picture shows."""
+    """The edges of a marker as they are seen in a picture."""
 
     edges: Edges
-    rays: F64  # (n, 2) where their middles are seen, on z = 1
-    focal: float  # px
+    rays: F64  # on which the pieces' middles are seen, on z = 1, (n, 2)
+    focal: float  # focal length, px
 
 
 @dataclass(frozen=True, slots=True)
 class Across:
-    """Edges under a pose: how they lie in the image."""
+    """Edges in the image under a pose."""
 
-    normal: F64  # (n, 2) unit, across the edge
-    length_px: F64  # (n,)
-    ray: F64  # (n, 2) of their middles
-    J: F64  # (n, 6) px across the edge by (dt, w)
+    normal: F64  # unit vectors across the edges, (n, 2)
+    length_px: F64  # of the pieces, (n,)
+    ray: F64  # of their middles, on z = 1, (n, 2)
+    J: F64  # derivatives of their places across the edges, px, by (dt, w), (n, 6)
 
 
 def across(edges: Edges, pose: Pose, focal: float) -> Across:
-    """Return how edges lie in the image under a pose."""
+    """Return edges in the image under a pose, for a focal length in px."""
     arm = edges.points @ pose.R[:, :2].T
     way = edges.along @ pose.R[:, :2].T
     p = arm + pose.t
@@ -71,11 +71,11 @@ def fitted(
     """Return the pose near a start that explains the edges; None: it does not converge.
 
     Args:
-        seen: what the picture shows.
-        start: where to begin.
-        offset_px: (n,) how far beside their place edges are seen, across.
-        weight: (n,) inverse variances, 1/px^2.
-        lie: how they lie from the start, if that is known.
+        seen: the edges in the picture.
+        start: pose to start from.
+        offset_px: errors of the edges' places across them, (n,), added to those of `seen`.
+        weight: inverse variances of the places, 1/px^2, (n,).
+        lie: the edges in the image under the start; None: they are computed.
     """
     pose, cost = start, 0.0
     information = np.zeros((6, 6))
@@ -102,6 +102,6 @@ def fitted(
 
 
 def _dots(a: F64, b: F64) -> F64:
-    """Return the scalar products (n,) of rows (n, 2); numpy's sum over two takes twice as long."""
+    """Return the scalar products (n,) of rows (n, 2), in half the time of numpy's sum."""
     products: F64 = a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]
     return products

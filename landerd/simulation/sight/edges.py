@@ -10,28 +10,28 @@ from landerd.camera_model import F64
 from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, Marker, Ring, Square, WhyCode
 from landerd.vision.square import printed_cells
 
-_ARCS = 20  # pieces of a circle
+_ARCS = 20  # number of pieces of a circle
 
-_Piece = tuple[float, float, float, float]  # from north, east to north, east
+_Piece = tuple[float, float, float, float]  # north, east of one end and of the other, m
 
 
 @dataclass(frozen=True)
 class Edges:
-    """A print's edges, marker frame."""
+    """The pieces of a print's edges, marker frame."""
 
-    points: F64  # (n, 2) middles, north and east, m
-    along: F64  # (n, 2) unit
+    points: F64  # middles of the pieces, north and east, m, (n, 2)
+    along: F64  # unit vectors along the pieces, (n, 2)
     length_m: F64  # (n,)
-    apart_m: float  # from one edge to the next, typically
+    apart_m: float  # typical distance between neighbouring edges
 
     @property
     def count(self) -> int:
-        """How many pieces."""
+        """Number of pieces."""
         return len(self.points)
 
 
 def edges_of(marker: Marker) -> Edges:
-    """Return the edges of a marker's print, its top to the north."""
+    """Return the edges of a marker's print, the top of which is to the north."""
     match marker:
         case Ring():
             inner = marker.inner_ratio * marker.radius_m
@@ -52,7 +52,10 @@ def _edges(pieces: list[_Piece], apart_m: float) -> Edges:
 
 
 def _arc(radius: float, first: float, last: float, count: int) -> list[_Piece]:
-    """Return an arc about the origin; angles clockwise from the north."""
+    """Return an arc about the origin as `count` pieces.
+
+    Its radius is in m; the first and the last angle are clockwise from the north, rad.
+    """
     a = np.linspace(first, last, count + 1)
     corners = radius * np.column_stack([np.cos(a), np.sin(a)])
     return [(*p, *q) for p, q in itertools.pairwise(corners.tolist())]
@@ -63,7 +66,7 @@ def _circle(radius: float) -> list[_Piece]:
 
 
 def _teeth(code: WhyCode) -> list[_Piece]:
-    """Return the outer edge and both edges of the code band with the teeth between."""
+    """Return a WhyCode's outer edge, and the edges of its teeth and of the gaps between them."""
     core, band = WHYCODE_CORE * code.radius_m, WHYCODE_BAND * code.radius_m
     pieces = _circle(code.radius_m)
     half = math.pi / code.bits
@@ -72,7 +75,7 @@ def _teeth(code: WhyCode) -> list[_Piece]:
         is_one = code.id >> (code.bits - 1 - bit) & 1
         black += [not is_one, bool(is_one)]
     for i, is_black in enumerate(black):
-        # Cells are counted anticlockwise from the east.
+        # Cells are counted anticlockwise from the east; angles are clockwise from the north.
         first = 0.5 * math.pi - i * half
         pieces += _arc(core if is_black else band, first, first - half, 1)
         if is_black != black[i - 1]:
@@ -82,7 +85,7 @@ def _teeth(code: WhyCode) -> list[_Piece]:
 
 
 def _cells(square: Square) -> tuple[list[_Piece], float]:
-    """Return what is between a black and a white cell, and the cells' side."""
+    """Return the edges between black and white cells of a square, and the cells' side, m."""
     cells = np.pad(printed_cells(square), 1, constant_values=True)
     side = square.size_m / (len(cells) - 2)
 

@@ -1,4 +1,4 @@
-"""Where the world's lens shows the points of a marker as it really is printed, placed and bent."""
+"""Projects the edges of markers, as they are printed, placed and folded, by the true lens."""
 
 import math
 from dataclasses import dataclass
@@ -19,32 +19,26 @@ from landerd.simulation.sight.edges import Edges, edges_of
 from landerd.vision.pose import MIN_DEPTH_M, Pose, rotation_2d, turned_about_normal
 
 _AT_ORIGIN = PadPose((0.0, 0.0, 0.0), IDENTITY)
-_SHAKES = 0.05  # rad: no camera that vibrates turns by so much, nor off its way while it exposes
-_ROUNDS = 2  # to the row in which a rolling shutter shows a point
+# Largest turn of the camera by vibration, and from its interpolated way in an exposure, rad.
+_SHAKES = 0.05
+_ROUNDS = 2  # of finding the row in which a rolling shutter shows a point
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One marker in one picture.
+    """One marker in one picture."""
 
-    Attributes:
-        px: (n, 2) where its edges are, and
-        shown: (n,) which of them the picture shows.
-        pose: that the marker has, at the middle of the exposure.
-        path_px: (2,) of the image during it.
-    """
-
-    px: F64
-    shown: NDArray[np.bool_]
-    pose: Pose
-    path_px: F64
+    px: F64  # places of its edges, (n, 2)
+    shown: NDArray[np.bool_]  # which of them the picture shows, (n,)
+    pose: Pose  # true pose at the middle of the exposure
+    path_px: F64  # of the image during the exposure, (2,)
 
 
 class WorldView:
-    """The pad's markers through the world's lens."""
+    """The pad's markers as the true lens sees them."""
 
     def __init__(self, printed: PadLayout, lens: CameraModel, options: SimOptions) -> None:
-        """Take the layout as printed, the true lens, and what bends the plate."""
+        """Take the layout as printed, the true lens, and the fold of the plate in `options`."""
         self._printed, self._lens = printed, lens
         self._fold = fold(printed, options.pad.bend_deg)
         self._frustum = Frustum(lens)
@@ -56,7 +50,13 @@ class WorldView:
         ]
 
     def seen(self, image: NDArray[np.uint8], view: View, number: int) -> Seen | None:
-        """Return a marker, by its number in the layout; None: out of sight."""
+        """Return a marker in a picture; None: it is out of sight.
+
+        Args:
+            image: the numbered picture, parts of which may be missing.
+            view: of the picture.
+            number: of the marker in the layout.
+        """
         if self._is_passed(view, number):
             return None
         camera, pad = middle(view.start, view.end), view.pad
@@ -76,7 +76,7 @@ class WorldView:
         return Seen(px, shown, pose, self._path(view))
 
     def _is_passed(self, view: View, number: int) -> bool:
-        """Tell, in far less time than where it is, that a marker is surely not in the picture."""
+        """Tell whether a marker is certainly not in the picture, faster than by projecting it."""
         place = on_pad(view.pad, self._centres[number][None])
         centres = np.concatenate([in_camera(camera, place) for camera in (view.start, view.end)])
         if self._frustum.holds(centres).any():
@@ -90,7 +90,7 @@ class WorldView:
         return in_front and self._frustum.passes(centres, reach)
 
     def _pose(self, camera: CameraPose, pad: PadPose, marker: Marker) -> Pose:
-        """Return the pose of the marker's file in the camera frame."""
+        """Return the pose of a marker as on a flat plate, camera frame."""
         place = np.array([[*marker.position_m, 0.0]])
         t = in_camera(camera, on_pad(pad, place))[0]
         R = matrix(camera.R_local_camera).T @ matrix(pad.R_local_pad)
@@ -99,7 +99,7 @@ class WorldView:
         return Pose(R, t, np.zeros((6, 6)), 0.0)
 
     def _on_pad(self, pad: PadPose, flat: F64) -> F64:
-        """Return points (n, 3) of the flat pad in the local frame, on the plate as it is bent."""
+        """Return points (n, 3) of the flat pad in the local frame, on the plate as it is folded."""
         points = on_pad(pad, flat)
         bent: Fold | None = self._fold
         if bent is not None:
@@ -109,7 +109,14 @@ class WorldView:
         return points
 
     def _rolled(self, view: View, flat: F64, points: F64, px: F64) -> F64:
-        """Return where points are seen (n, 2), each exposed with its row."""
+        """Return the places of points in the image, px, (n, 2), each exposed with its row.
+
+        Args:
+            view: with the poses during the readout.
+            flat: the points on the flat pad, pad frame, m, (n, 3).
+            points: the points at the middle of the exposure, camera frame, m, (n, 3).
+            px: their places then, (n, 2).
+        """
         readout = view.readout
         assert readout is not None
         height = self._lens.height
@@ -146,7 +153,7 @@ class WorldView:
         return shots
 
     def _path(self, view: View) -> F64:
-        """Return how far (2,) the marker moves in the image during the exposure, px."""
+        """Return the path of the pad in the image during the exposure, px, (2,)."""
         if view.start == view.end:
             return np.zeros(2)
         marker = np.array(view.pad.position)[None]
@@ -159,7 +166,7 @@ class WorldView:
 
 
 def _placed(marker: Marker, edges: Edges) -> F64:
-    """Return a marker's edges (n, 3) in the pad frame."""
+    """Return the middles of a marker's edges (n, 3), flat pad's frame, m."""
     points = edges.points
     if not isinstance(marker, Ring):
         points = points @ rotation_2d(math.radians(marker.heading_deg)).T
