@@ -76,10 +76,16 @@ class Responded:
 
 
 def responded(sharp: F32, soft: F32, black: F32, contrast: F32, response: F32) -> Responded:
-    """Return what responses (starts, 3) make of linear grey levels (starts, n), sharp and softer.
+    """Return grey levels behind camera responses, and their derivatives.
 
-    The curve is that between the print's black and the mean of its whites, the contrast over it,
-    (starts, 1): these move it too.
+    The tone curve lies between the print's black and the mean of its whites, and moves with them.
+
+    Args:
+        sharp: linear grey levels of the sharp image, (starts, n).
+        soft: the same of the softer image, which an unsharp mask subtracts.
+        black: the print's black, (starts, 1).
+        contrast: mean of the print's whites less its black, (starts, 1).
+        response: parameters of the responses, (starts, 3).
     """
     contrast = np.maximum(contrast, np.float32(_MIN_CONTRAST))
     halo = response[:, TONES:]

@@ -68,9 +68,10 @@ class SimMount:
         self._pitch_zero = math.radians(mount.pitch_zero_deg)
 
     def hidden_heading(self, camera_rotation_deg: tuple[float, float, float]) -> float:
-        """Return the error of headings of what lies below, rad, which no picture shows.
+        """Return by how much headings of what lies below are measured too large, rad.
 
-        It comes from the biases and from the camera's rotation on the last axis.
+        The error comes from the biases and from the camera's rotation on the last axis; no picture
+        shows it.
 
         Args:
             camera_rotation_deg: roll, pitch, yaw of the camera on the last axis as configured.
