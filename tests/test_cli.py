@@ -58,8 +58,29 @@ def test_a_configuration_named_by_an_empty_variable_is_refused(
     command: str, capsys: Printed
 ) -> None:
     """As of -c "$CONFIGURATION" in a script, where it is not set; a place may begin with minus."""
-    lines = wrong_input(capsys, *command.split(), "-c", "")
-    assert lines == [".: cannot be read: Is a directory"]
+    (line,) = wrong_input(capsys, *command.split(), "-c", "")
+    assert "argument -c/--config: found '', expected a file or folder" in line
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "detect a.png --camera cameras/thesis.yaml --pad nested --draw",
+        "dry-run --telemetry a.bin --video",
+        "replay",
+        "report",
+        "compare a.jsonl",
+        "campaign hover --keep",
+        "pad -o",
+    ],
+)
+def test_an_empty_file_name_is_not_taken_for_the_working_directory(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (line,) = wrong_input(capsys, *command.split(), "")
+    assert "found '', expected a file or folder" in line
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_help_lists_every_command_and_each_has_an_example(capsys: Printed) -> None:

@@ -3,7 +3,6 @@
 import argparse
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from landerd.commands.shared import (
     InputError,
     add_json,
     check_folder,
+    file_name,
     number,
     print_json,
     refusing,
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="plumb_bob",
         help="rational beyond 90 degrees of view, fisheye beyond 120 (plumb_bob)",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE.yaml", help="camera_info")
+    parser.add_argument("-o", "--output", type=file_name, metavar="FILE.yaml", help="camera_info")
     add_json(parser)
 
 

@@ -1,18 +1,17 @@
 """`landerd compare`: what has become better and worse from one campaign to another."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from landerd.campaigns.compare import as_text, compare
 from landerd.campaigns.journal import JournalError, read_runs
-from landerd.commands.shared import InputError, add_json, print_json, refusing, tell
+from landerd.commands.shared import InputError, add_json, file_name, print_json, refusing, tell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("a", type=Path, metavar="A", help="file of landerd campaign --keep")
-    parser.add_argument("b", type=Path, metavar="B", help="another, of the same rows and seeds")
+    parser.add_argument("a", type=file_name, metavar="A", help="file of landerd campaign --keep")
+    parser.add_argument("b", type=file_name, metavar="B", help="another, with the same rows")
     add_json(parser)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CalibrationError, CameraModel, left_out, load_camera
-from landerd.commands.shared import InputError, pad_path, refusing, tell, write_bytes
+from landerd.commands.shared import InputError, file_name, pad_path, refusing, tell, write_bytes
 from landerd.config.files import own_or
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3, cross, dot, scale, sub
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera",
         required=True,
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="calibration, ROS camera_info YAML",
     )
@@ -82,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--draw",
-        type=Path,
+        type=file_name,
         metavar="FOLDER",
         help="write the pictures with the markers drawn into this folder",
     )

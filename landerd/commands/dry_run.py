@@ -28,6 +28,7 @@ from landerd.commands.shared import (
     add_json,
     check_not_read,
     check_output,
+    file_name,
     load_config,
     number,
     print_json,
@@ -79,11 +80,11 @@ class _Flight:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
-        "--telemetry", required=True, type=Path, metavar="FILE", help="ArduPilot .bin or .tlog"
+        "--telemetry", required=True, type=file_name, metavar="FILE", help="ArduPilot .bin or .tlog"
     )
     parser.add_argument(
         "--video",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="video, or folder of images with their times; without: pictures of a pad are drawn",
     )
@@ -130,13 +131,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--draw",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="write a video with sightings and orders drawn over the pictures: FILE.webm, which "
         "browsers play, or FILE.mp4",
     )
     parser.add_argument(
-        "--log", type=Path, metavar="FILE.mcap", help="write a flight log, for landerd report"
+        "--log", type=file_name, metavar="FILE.mcap", help="write a flight log, for landerd report"
     )
     add_json(parser)
     add_config(parser)

@@ -21,7 +21,7 @@ from landerd.campaigns.plan import Campaign, Row
 from landerd.campaigns.pool import Executor, Run, RunOne, Task, error_line, run_all
 from landerd.campaigns.table import has_failed_to_land
 from landerd.commands.fault_runs import settings_of
-from landerd.commands.shared import refusing, tell, whole_number
+from landerd.commands.shared import file_name, refusing, tell, whole_number
 from landerd.config.files import Loaded, config_files, default_config
 from landerd.drivers import read_configuration
 
@@ -42,7 +42,7 @@ def add_flying(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--keep",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="write every run into FILE as it ends; runs that FILE has already are not repeated",
     )

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from landerd.commands.shared import InputError, refusing
+from landerd.commands.shared import InputError, file_name, refusing
 
 if TYPE_CHECKING:
     from landerd.installation.steps import Step
@@ -49,11 +49,10 @@ def add_root(parser: argparse.ArgumentParser) -> None:
 
 def _system(text: str) -> Path:
     """Return the root folder of a system; the type of --root."""
-    if not text:  # as of a shell variable that is not set; Path would be the working directory
-        raise argparse.ArgumentTypeError("found '', expected a folder")
-    if not Path(text).is_dir():  # an image that is not mounted: the folder must not be created
+    folder = file_name(text)
+    if not folder.is_dir():  # an image that is not mounted: the folder must not be created
         raise argparse.ArgumentTypeError(f"{text}: no such folder")
-    return Path(text)
+    return folder
 
 
 def run(args: argparse.Namespace) -> int:

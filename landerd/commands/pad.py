@@ -9,6 +9,7 @@ from landerd.commands.shared import (
     InputError,
     add_json,
     check_output,
+    file_name,
     pad_path,
     print_json,
     refusing,
@@ -52,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         required=True,
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help=".pdf or .svg (one sheet); a pad file, .yaml, with --measured or --for",
     )
@@ -111,7 +112,7 @@ def _add_proposed(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--camera",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="with --for: calibration of the camera (the thesis's, 640x480 with 77 degrees of "
         "view)",
@@ -222,9 +223,7 @@ def _layout(args: argparse.Namespace, view: View) -> PadLayout:
     """
     if args.side is not None:
         return propose(args.side, args.seen_from, view)
-    if args.pad == "":  # as of a shell variable that is not set
-        raise InputError("pad '': expected the name of a pad or a file")
-    name = args.pad or _DEFAULT_PAD
+    name = _DEFAULT_PAD if args.pad is None else args.pad
     layout = load_pad(pad_path(name))
     for marker in reaching_out(layout):
         raise InputError(f"{name}: the {marker.kind} reaches over the plate's edge; see plate:")

@@ -2,10 +2,17 @@
 
 import argparse
 import math
-from pathlib import Path
 from typing import Any
 
-from landerd.commands.shared import InputError, add_json, add_set, print_json, refusing, tell
+from landerd.commands.shared import (
+    InputError,
+    add_json,
+    add_set,
+    file_name,
+    print_json,
+    refusing,
+    tell,
+)
 from landerd.config.files import ConfigError, from_record
 from landerd.config.models import Config
 from landerd.drivers import options_models
@@ -27,7 +34,7 @@ _HELD = ("pad.layout", "camera.calibration")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("log", type=Path, metavar="LOG.mcap", help="flight log")
+    parser.add_argument("log", type=file_name, metavar="LOG.mcap", help="flight log")
     add_set(parser, "what if this key of the configuration had been different")
     add_json(parser)
 

@@ -5,7 +5,7 @@ import importlib.util
 from pathlib import Path
 
 from landerd.commands.campaign_report import write_campaigns
-from landerd.commands.shared import InputError, check_folder, refusing, tell
+from landerd.commands.shared import InputError, check_folder, file_name, refusing, tell
 from landerd.flightlog.reader import LogError, read_log
 
 _PAGES = (".html", ".md")  # suffixes of files that are written
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "files",
         nargs="+",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="flight logs (.mcap); or results: files of landerd campaign --keep (.jsonl), output "
         "of landerd sim --json (.jsonl), and tables, copied as they are (.txt)",
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=file_name,
         default=Path("report.html"),
         metavar="FILE",
         help="a page (.html), or for campaigns a text without figures (.md); (report.html)",

@@ -67,6 +67,18 @@ def tell(line: str) -> None:
 # ---- the configuration -------------------------------------------------------------------------
 
 
+def file_name(text: str) -> Path:
+    """Return the path of a file or folder; the `type` of an argument.
+
+    Raises:
+        ArgumentTypeError: the text is empty, as of a shell variable that is not set; as a Path it
+            would be the working directory.
+    """
+    if not text:
+        raise argparse.ArgumentTypeError("found '', expected a file or folder")
+    return Path(text)
+
+
 def add_set(parser: argparse.ArgumentParser, what: str) -> None:
     """Add --set; `what`: its help text."""
     parser.add_argument(
@@ -83,7 +95,7 @@ def add_config(parser: argparse.ArgumentParser, *, required: bool = False) -> No
     parser.add_argument(
         "-c",
         "--config",
-        type=Path,
+        type=file_name,
         required=required,
         metavar="FILE",
         help="configuration" if required else "configuration; without one: the packaged default",
@@ -96,7 +108,7 @@ def add_vehicle(parser: argparse.ArgumentParser) -> None:
     add_config(parser, required=True)
     parser.add_argument(
         "--overlay",
-        type=Path,
+        type=file_name,
         metavar="FILE",
         help="file of the parameters that a ground station saves; laid over the configuration if "
         "it exists; without: /var/lib/NAME/saved.yaml for a service's configuration, "
@@ -164,7 +176,8 @@ def saved_file(config: Path) -> Path:
     """
     if config.absolute().parent == _SERVICE and config.stem.startswith("landerd"):
         return service_folder(config) / "saved.yaml"
-    # Not with_name, which fails for "": that this is no configuration is reported when it is read.
+    # Not with_suffix, which fails for a folder without a name, as "/". That it is no configuration
+    # is reported when it is read.
     return config.parent / f"{config.stem}.saved.yaml"
 
 
@@ -232,10 +245,12 @@ def pad_path(name: str) -> Path:
         name: path, or name as "nested".
 
     Raises:
-        InputError: there is neither.
+        InputError: there is neither, or the name is empty.
     """
     from landerd.config.files import config_files, own_or
 
+    if not name:  # as of a shell variable that is not set
+        raise InputError("pad '': expected the name of a pad or a file")
     if Path(name).exists():
         return Path(name)
     own = config_files("pads")
@@ -411,7 +426,7 @@ def add_bench(parser: argparse.ArgumentParser, output: str, what: str) -> None:
         action="store_true",
         help="no autopilot is connected: the vehicle is taken to be disarmed and level",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar=output, help=what)
+    parser.add_argument("-o", "--output", type=file_name, metavar=output, help=what)
     add_json(parser)
     add_vehicle(parser)
 

@@ -8,7 +8,6 @@ import logging
 import sys
 import threading
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from landerd.camera_model import CalibrationError
@@ -20,6 +19,7 @@ from landerd.commands.shared import (
     check_faults,
     check_output,
     check_stand_in_flies,
+    file_name,
     load_config,
     metres,
     print_json,
@@ -64,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ALT",
         help="with --autopilot: arm it, take off to ALT metres, fly to the start, open the gate",
     )
-    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the flight")
-    parser.add_argument("--log", type=Path, metavar="FILE.mcap", help="record the flight")
+    parser.add_argument("--picture", type=file_name, metavar="FILE.png", help="draw the flight")
+    parser.add_argument("--log", type=file_name, metavar="FILE.mcap", help="record the flight")
     add_json(parser)
 
 

@@ -34,6 +34,7 @@ from landerd.commands.shared import (
     check_output,
     check_stand_in_flies,
     config_path,
+    file_name,
     print_json,
     refusing,
     tell,
@@ -55,14 +56,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--from",
         dest="flights",
-        type=Path,
+        type=file_name,
         nargs="+",
         metavar="FLIGHT.mcap",
         help="no search: fit the vehicle's response to the orders in these logs, and propose gains",
     )
-    parser.add_argument("-o", dest="out", type=Path, metavar="FILE.yaml", help="write the gains")
     parser.add_argument(
-        "--report", type=Path, metavar="FILE.html", help="write a page with a picture of the search"
+        "-o", dest="out", type=file_name, metavar="FILE.yaml", help="write the gains"
+    )
+    parser.add_argument(
+        "--report",
+        type=file_name,
+        metavar="FILE.html",
+        help="write a page with a picture of the search",
     )
     parser.add_argument("--search", choices=("cma-es", "grid"), default="cma-es", help="(cma-es)")
     parser.add_argument(

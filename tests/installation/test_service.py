@@ -126,7 +126,7 @@ def test_an_empty_root_is_refused_instead_of_taken_for_the_working_directory(
     with pytest.raises(SystemExit, match="2"):
         main([*command.split(), "--root", ""])
     (line,) = capsys.readouterr().err.splitlines()
-    assert "argument --root: found '', expected a folder" in line
+    assert "argument --root: found '', expected a file or folder" in line
     assert list(tmp_path.iterdir()) == []
 
 
