@@ -355,7 +355,7 @@ MUTANTS = [
         GATE,
         "if self._ending:",
         "if False:",
-        "test_lander.py::test_told_to_stop_it_hovers_and_lets_go_whatever_the_switch_does",
+        "test_lander.py::test_told_to_shut_down_it_hovers_half_a_second_and_falls_silent_whatever_the_switch_does",
     ),
     Mutant(
         "1: no signal counts as the switch seen low",
@@ -369,7 +369,7 @@ MUTANTS = [
         LANDING,
         "        self._gate.latch()\n",
         "",
-        "test_lander.py::test_out_of_sight_it_holds_climbs_and_hands_back_and_says_so",
+        "test_lander.py::test_with_the_pad_out_of_sight_it_holds_climbs_and_hands_back_and_says_so",
     ),
     Mutant(
         "1b: the switch's old position overtakes its new one",
@@ -759,7 +759,7 @@ MUTANTS = [
         LANDING,
         "return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD",
         "return Event.DISARMED",
-        "test_lander.py::test_disarmed_with_a_foot_beside_the_plate_is_not_said_to_be_landed",
+        "test_lander.py::test_disarmed_with_a_foot_beside_the_plate_is_not_called_landed",
     ),
     Mutant(
         "6: a landing may take for ever",
@@ -780,7 +780,7 @@ MUTANTS = [
         ATTEMPTS,
         "return self._descents_broken_off > self._options.retries",
         "return False",
-        "test_lander.py::test_a_landing_that_is_never_good_enough_is_given_back_to_the_pilot_from_higher_up",
+        "test_lander.py::test_a_landing_that_may_never_commit_is_handed_back_to_the_pilot_from_higher_up",
     ),
     Mutant(
         "7: saves parameters while armed",

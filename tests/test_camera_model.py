@@ -71,7 +71,7 @@ def test_rays_undo_the_lens_over_the_whole_picture() -> None:
 @pytest.mark.parametrize(
     "distortion", [(0.0576, -0.0321, 0.0041, -0.0203, 0.0), (-0.35, 0.1, 0.0, 0.0, 0.0)]
 )
-def test_what_lies_far_aside_of_the_picture_is_not_put_into_it(
+def test_points_far_outside_the_field_of_view_are_not_projected_into_the_picture(
     distortion: tuple[float, ...],
 ) -> None:
     """The polynomials of both turn back 60 degrees aside: 80 degrees would be in the middle."""
@@ -155,7 +155,7 @@ def test_every_ros_distortion_model_is_read(tmp_path: Path, count: int, model: s
         (", 0.0]}", ", wide]}", "distortion_coefficients", "finite numbers"),
     ],
 )
-def test_a_wrong_calibration_is_told_with_file_key_and_what_was_expected(
+def test_a_wrong_calibration_is_refused_with_file_key_and_what_was_expected(
     tmp_path: Path, found: str, instead: str, key: str, expected: str
 ) -> None:
     assert found in GOOD
@@ -169,7 +169,7 @@ def test_a_wrong_calibration_is_told_with_file_key_and_what_was_expected(
     assert "\n" not in line
 
 
-def test_what_is_no_calibration_file_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_file_that_is_no_calibration_is_refused_in_one_line(tmp_path: Path) -> None:
     def complaint(path: Path) -> str:
         with pytest.raises(CalibrationError) as e:
             load_camera(path)
@@ -253,7 +253,7 @@ distortion_coefficients:
 
 
 @pytest.mark.parametrize("text", [MESSAGE, ROWS, FOURTEEN])
-def test_what_other_programs_write_is_read(text: str, tmp_path: Path) -> None:
+def test_spellings_of_other_programs_are_read(text: str, tmp_path: Path) -> None:
     read = load_camera(camera(tmp_path, text))
     assert (read.width, read.height, read.fy, read.cy) == (640, 480, 610.0, 240.0)
     assert read.distortion[:3] == (0.01, -0.02, 1e-05)
@@ -320,13 +320,15 @@ def off_px(model: CameraModel, part: Window) -> F64:
     return off
 
 
-def test_where_opencvs_iteration_does_not_end_the_ray_is_found_all_the_same() -> None:
+def test_the_ray_of_a_pixel_is_found_where_opencvs_iteration_does_not_converge() -> None:
     corner = Window(1150, 0, 1280, 140)
     assert off_px(SWINGING, corner).max() < 1e-3
     assert left_out(SWINGING) is None
 
 
-def test_the_part_without_an_inverse_is_left_out_and_said(tmp_path: Path) -> None:
+def test_a_part_of_the_picture_whose_distortion_has_no_inverse_is_left_out_and_reported(
+    tmp_path: Path,
+) -> None:
     model = load_camera(camera(tmp_path, FOLDING))
     x0, y0, x1, y1 = used_part(model)
     assert off_px(model, Window(1900, 1060, 1920, 1080)).max() > 1.0
@@ -371,7 +373,9 @@ def test_points_are_imaged_where_opencv_has_them(
     assert np.abs(camera.pixels(points) - np.asarray(expected).reshape(-1, 2)).max() < 1e-9
 
 
-def test_a_fisheye_that_sees_behind_itself_is_not_told_to_become_one(tmp_path: Path) -> None:
+def test_a_wrong_fisheye_calibration_is_not_refused_with_the_advice_to_use_a_fisheye(
+    tmp_path: Path,
+) -> None:
     text = GOOD.replace("plumb_bob", "equidistant").replace(
         "[400, 0, 319.5, 0, 390", "[160, 0, 319.5, 0, 160"
     )
@@ -383,7 +387,9 @@ def test_a_fisheye_that_sees_behind_itself_is_not_told_to_become_one(tmp_path: P
 
 
 @pytest.mark.parametrize("line", ["date: 2024-30-06", "date: 2024-02-30 10:00:00", "serial: 0x_"])
-def test_what_is_beside_a_calibration_may_look_like_a_wrong_date(tmp_path: Path, line: str) -> None:
+def test_other_keys_in_a_calibration_file_may_look_like_impossible_dates(
+    tmp_path: Path, line: str
+) -> None:
     assert load_camera(camera(tmp_path, f"{GOOD}{line}\n")).fx == 400.0
 
 
@@ -402,13 +408,13 @@ def test_a_distortion_that_is_no_name_is_refused(tmp_path: Path, model: str) -> 
         load_camera(camera(tmp_path, KALIBR.replace("radtan", model)))
 
 
-def test_a_thing_that_is_given_twice_is_refused_where_the_two_differ(tmp_path: Path) -> None:
+def test_a_value_given_under_two_keys_is_refused_if_the_two_differ(tmp_path: Path) -> None:
     assert load_camera(camera(tmp_path, f"{GOOD}width: 640\n")).width == 640
     with pytest.raises(CalibrationError, match="width: image_width is given already"):
         load_camera(camera(tmp_path, f"{GOOD}width: 1280\n"))
 
 
-def test_four_coefficients_are_of_a_lens_that_is_named(tmp_path: Path) -> None:
+def test_four_distortion_coefficients_need_a_distortion_model(tmp_path: Path) -> None:
     """OpenCV saves a fisheye's four like the first four of any other lens."""
     k = [400.0, 0.0, 319.5, 0.0, 400.0, 239.5, 0.0, 0.0, 1.0]
     text = f"width: 640\nheight: 480\nK: {k}\nD: [0.01, 0.02, 0.0, 0.0]\n"

@@ -165,13 +165,13 @@ def test_a_process_with_wrong_input_exits_with_2_after_one_line(command: str) ->
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_faults_of_a_gimbal_that_does_not_fly_are_refused(capsys: Printed) -> None:
+def test_simulated_faults_of_a_gimbal_that_is_not_simulated_are_refused(capsys: Printed) -> None:
     faults = "sim.faults=[{fault: gimbal-lost, at: {time_s: 1}}]"
     lines = wrong_input(capsys, "sim", "--set", "gimbal.driver=siyi", "--set", faults)
     assert lines[-1] == "sim.faults: gimbal-lost needs gimbal.driver sim, found siyi"
 
 
-def test_a_wrong_configuration_gives_a_line_a_fault(
+def test_a_wrong_configuration_gives_one_line_for_each_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -183,7 +183,7 @@ def test_a_wrong_configuration_gives_a_line_a_fault(
     ]
 
 
-def test_a_reader_that_goes_away_is_no_fault() -> None:
+def test_a_reader_that_closes_the_pipe_causes_no_error_message() -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "landerd", "sim", "--help"],
         stdout=subprocess.PIPE,
@@ -211,7 +211,7 @@ def in_shell(command: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_full_disk_behind_stdout_is_one_line(
+def test_a_full_disk_behind_stdout_is_reported_in_one_line(
     unbuffered: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
@@ -220,7 +220,7 @@ def test_a_full_disk_behind_stdout_is_one_line(
     assert done.stderr == "standard output cannot be written: No space left on device\n"
 
 
-def test_closed_streams_are_no_fault() -> None:
+def test_closed_standard_streams_cause_no_error() -> None:
     done = in_shell(f"landerd replay {GOLDEN} >&-")
     assert (done.returncode, done.stderr) == (0, "")
     assert in_shell("landerd replay none.mcap 2>&- >&-").returncode == 2
@@ -258,7 +258,7 @@ def test_an_interrupted_command_says_that_it_stopped(tmp_path: Path) -> None:
         ("report", str(GOLDEN), "-o", "/proc/a.html"),
     ],
 )
-def test_what_cannot_be_written_is_said_before_the_work(
+def test_files_that_cannot_be_written_are_refused_before_the_work(
     arguments: tuple[str, ...], capsys: Printed
 ) -> None:
     (line,) = wrong_input(capsys, *arguments)
@@ -266,7 +266,7 @@ def test_what_cannot_be_written_is_said_before_the_work(
     assert "cannot be written: No such file or directory" in line
 
 
-def test_a_configuration_that_is_not_here_is_looked_for_among_landerds_own(
+def test_a_configuration_that_does_not_exist_is_looked_for_among_landerds_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -275,7 +275,7 @@ def test_a_configuration_that_is_not_here_is_looked_for_among_landerds_own(
     assert [fault for fault in faults if "unknown key" not in fault] == []
 
 
-def test_a_folder_that_may_not_be_entered_is_one_line(
+def test_a_folder_that_may_not_be_entered_is_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
     def locked(path: Path) -> bool:
@@ -286,7 +286,7 @@ def test_a_folder_that_may_not_be_entered_is_one_line(
     assert "mine.saved.yaml: cannot be read: Permission denied" in capsys.readouterr().err
 
 
-def test_a_working_folder_that_is_gone_is_one_line(
+def test_a_working_folder_that_was_deleted_is_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
     gone = tmp_path / "gone"

@@ -72,7 +72,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     )
 
 
-def test_nothing_is_to_be_installed_from_an_index_under_our_name() -> None:
+def test_no_text_tells_to_install_landerd_from_a_package_index() -> None:
     """There is no entry of ours; what somebody else puts there must not come onto a drone."""
     sources = [p for room in ("landerd", "hw") for p in (ROOT / room).rglob("*.py")]
     named = re.compile(r"""pip install\s+['"]?landerd(?![-/\w])""")
@@ -235,7 +235,7 @@ def test_the_commands_of_a_page_run_as_printed(
 
 
 @pytest.mark.parametrize("command", sorted({c for shown in SHOWN.values() for c in shown}))
-def test_each_command_is_one_that_the_command_line_takes(command: str) -> None:
+def test_each_printed_command_is_accepted_by_the_command_line(command: str) -> None:
     for part in command.split(" && "):
         words = shlex.split(part)[1:]
         _parser(words).parse_args(words)

@@ -27,7 +27,9 @@ ALL = [
 
 
 @pytest.mark.parametrize(("section", "name", "driver"), ALL)
-def test_what_a_driver_names_is_there(section: str, name: str, driver: Driver) -> None:
+def test_every_drivers_factory_model_and_options_exist(
+    section: str, name: str, driver: Driver
+) -> None:
     for path in (driver.factory, driver.model):
         assert path is None or callable(import_named(path))
     assert (driver.options is not None) == (f"{section}.{name}" in options_models())
@@ -51,7 +53,9 @@ def test_an_exposure_that_a_camera_does_not_have_is_refused(
 
 
 @pytest.mark.parametrize("driver", ["v4l2", "gstreamer", "picamera2"])
-def test_every_camera_may_find_its_own_exposure(driver: str, tmp_path: Path) -> None:
+def test_every_camera_driver_may_be_left_to_its_automatic_exposure(
+    driver: str, tmp_path: Path
+) -> None:
     make_devices(with_camera("exposure=auto", f"driver={driver}"), tmp_path / "overlay.yaml")
 
 

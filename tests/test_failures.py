@@ -21,7 +21,7 @@ from tests.test_safety import Wire, flying, now, speed, texts
 pytestmark = pytest.mark.long
 
 
-def test_a_search_that_raises_costs_a_frame_and_not_the_flight() -> None:
+def test_a_search_that_raises_loses_a_frame_but_the_flight_goes_on() -> None:
     async def script(simulation: Simulation) -> None:
         await flying(simulation)
         daemon = simulation.daemon

@@ -47,7 +47,7 @@ def test_a_file_that_does_not_fit_leaves_the_old_one(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [page]
 
 
-def test_a_device_is_written_into_and_what_a_link_names_too(tmp_path: Path) -> None:
+def test_devices_and_the_files_that_symbolic_links_name_are_written_into(tmp_path: Path) -> None:
     write_whole(Path("/dev/null"), b"anything")
     (tmp_path / "link").symlink_to(tmp_path / "file")
     write_whole(tmp_path / "link", b"new")
@@ -55,7 +55,7 @@ def test_a_device_is_written_into_and_what_a_link_names_too(tmp_path: Path) -> N
     assert (tmp_path / "file").read_bytes() == b"new"
 
 
-def test_what_never_ends_is_not_read_to_its_end() -> None:
+def test_an_endless_device_is_refused_before_it_fills_the_memory() -> None:
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(OSError, match="more than 16 MB"):
         read_text(Path("/dev/zero"))
@@ -74,7 +74,7 @@ def test_what_never_ends_is_not_read_to_its_end() -> None:
         ("image_width: " + "9" * 400, "image_width: found 999"),
     ],
 )
-def test_calibrations_that_cannot_be_are_refused(
+def test_impossible_calibrations_are_refused(
     text: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "camera.yaml"
@@ -85,7 +85,9 @@ def test_calibrations_that_cannot_be_are_refused(
     assert len(line) < 300
 
 
-def test_a_pads_marker_has_one_diameter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_marker_with_two_diameters_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The last one was printed and flown on."""
     text = (ROOT / "config" / "pads" / "thesis.yaml").read_text()
     file = tmp_path / "pad.yaml"
@@ -109,7 +111,7 @@ def test_a_pads_marker_has_one_diameter(tmp_path: Path, capsys: pytest.CaptureFi
         ["campaign", "hover", "--runs", "1", "--jobs", "1", "--keep", "/dev/full"],
     ],
 )
-def test_names_and_devices_that_are_none_are_refused(
+def test_impossible_file_names_and_full_devices_are_refused_in_one_line(
     arguments: list[object], capsys: pytest.CaptureFixture[str]
 ) -> None:
     refused(arguments, capsys)
@@ -137,7 +139,7 @@ def run_alone(*arguments: object) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_pictures_are_drawn_whatever_their_folder_is_called(tmp_path: Path) -> None:
+def test_pictures_are_drawn_into_a_folder_whose_name_is_not_utf_8(tmp_path: Path) -> None:
     """OpenCV's own writer died of names that are no text."""
     folder = tmp_path / NO_TEXT
     run_alone("detect", "--camera", CAMERA, "--pad", "thesis", PICTURE, "--draw", folder)
@@ -154,7 +156,7 @@ def test_a_terminal_that_cannot_show_a_name_is_told_it_all_the_same(tmp_path: Pa
     assert file.exists()
 
 
-def test_a_video_may_be_called_whatever_it_likes(tmp_path: Path) -> None:
+def test_a_video_whose_name_is_not_utf_8_is_written_and_read(tmp_path: Path) -> None:
     """OpenCV died of names that are no text, without a word."""
     telemetry, film = write_tlog(tmp_path / "a.tlog"), tmp_path / f"{NO_TEXT}.mp4"
     dry_run = ("dry-run", "--telemetry", telemetry, "--to", "3")
@@ -164,7 +166,7 @@ def test_a_video_may_be_called_whatever_it_likes(tmp_path: Path) -> None:
     run_alone(*dry_run, "--video", film, "--offset", "0", "--gimbal", "0,-90")
 
 
-def test_pages_and_pad_files_name_what_is_no_text(tmp_path: Path) -> None:
+def test_a_file_whose_name_is_not_utf_8_is_named_in_pages_and_pad_files(tmp_path: Path) -> None:
     log, pad = (tmp_path / f"{NO_TEXT}{suffix}" for suffix in (".mcap", ".yaml"))
     log.write_bytes(LOG.read_bytes())
     page, mine = tmp_path / "page.html", tmp_path / "mine.yaml"
@@ -197,7 +199,7 @@ def test_a_configuration_in_a_folder_whose_name_is_no_text_is_refused_with_its_l
         "dry-run --telemetry a.tlog --video {0} --draw {0}",
     ],
 )
-def test_what_a_command_reads_it_does_not_write_over(
+def test_a_command_refuses_to_overwrite_a_file_that_it_reads(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mine = tmp_path / ("mine.mp4" if "--draw" in command else "mine.yaml")
@@ -217,7 +219,7 @@ def test_what_a_command_reads_it_does_not_write_over(
         ("--draw a.avi", "--draw a.avi: expected a .webm or .mp4"),
     ],
 )
-def test_a_dry_run_says_what_it_expects(
+def test_dry_run_says_which_arguments_it_expects(
     argument: str, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises((SystemExit, AssertionError)):

@@ -103,12 +103,12 @@ def test_wrap_keeps_the_direction_within_half_a_turn(angle: float) -> None:
 
 
 @given(st.floats(-math.pi, math.pi), st.integers(-50, 50))
-def test_wrap_is_not_moved_by_whole_turns(angle: float, turns: int) -> None:
+def test_whole_turns_do_not_change_a_wrapped_angle(angle: float, turns: int) -> None:
     difference = wrap(angle + 2.0 * math.pi * turns) - angle
     assert min(abs(difference), abs(abs(difference) - 2.0 * math.pi)) < 1e-9
 
 
-def test_half_a_turn_has_one_name() -> None:
+def test_half_a_turn_is_always_plus_pi() -> None:
     assert wrap(-math.pi) == math.pi
     assert wrap(math.pi) == math.pi
 

@@ -29,7 +29,7 @@ def test_servos_are_placed_alike_by_the_airframe_and_by_a_sensor_on_the_camera(
         assert by_tilt[i] == pytest.approx(true[i], abs=1e-9)
 
 
-def test_a_stabilised_gimbal_takes_out_the_lean_and_goes_with_the_heading() -> None:
+def test_a_stabilised_gimbal_compensates_the_lean_and_turns_with_the_heading() -> None:
     assert rotation_local_gimbal(
         Reference.HORIZON, (0.3, -0.2, 0.5), (0.1, -0.6, 0.0)
     ) == rotation_local_gimbal(Reference.HORIZON, (0.0, 0.0, 0.5), (0.1, -0.6, 0.0))

@@ -17,7 +17,7 @@ GOLDEN = sorted((Path(__file__).parent / "golden").glob("*.mcap"))
 
 
 @pytest.mark.parametrize("path", GOLDEN, ids=[path.stem for path in GOLDEN])
-def test_the_commands_are_the_same(path: Path) -> None:
+def test_recorded_flights_replay_to_the_same_commands(path: Path) -> None:
     log = read_log(path)
     config, unknown = config_of(log, [])
     assert (log.notes, unknown) == ([], [])
@@ -26,7 +26,7 @@ def test_the_commands_are_the_same(path: Path) -> None:
     assert replayed.comparison.first is None, "see `landerd replay`; meant so? `make golden`"
 
 
-def test_one_of_them_lands() -> None:
+def test_one_of_the_recorded_flights_lands() -> None:
     log = read_log(next(path for path in GOLDEN if path.stem == "landing"))
     replayed = replay(log, config_of(log, [])[0])
     assert replayed.outcome == "landed"

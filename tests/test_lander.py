@@ -164,7 +164,7 @@ def test_without_heartbeats_for_3_s_it_stops_falls_silent_and_goes_on_with_them(
 
 
 @pytest.mark.parametrize("how", ["low", "no signal", "stale"])
-def test_the_gate_low_or_stale_is_zero_for_a_second_and_then_silence(how: str) -> None:
+def test_with_the_gate_low_or_stale_it_orders_zero_for_a_second_and_then_nothing(how: str) -> None:
     flight = Flight().engaged()
     flight.run(2.0)
     if how == "stale":
@@ -235,7 +235,9 @@ def test_a_restarted_landerd_does_not_fly_with_the_switch_left_high() -> None:
     assert said(flight, "low, then high")
 
 
-def test_told_to_stop_it_hovers_and_lets_go_whatever_the_switch_does() -> None:
+def test_told_to_shut_down_it_hovers_half_a_second_and_falls_silent_whatever_the_switch_does() -> (
+    None
+):
     flight = Flight().engaged()
     flight.run(1.0)
     flight.give(Shutdown(flight.t))
@@ -273,7 +275,7 @@ def test_out_of_sight_it_slows_to_a_hover_without_turning_or_descending() -> Non
     assert said(flight, "not in sight")
 
 
-def test_another_pad_is_told_as_that() -> None:
+def test_the_pilot_is_told_when_another_pad_is_in_sight() -> None:
     flight = Flight(position=(-3.0, 0.0, -6.0)).engaged()
     flight.run(1.0)
     flight.visible = False
@@ -298,7 +300,7 @@ def test_out_of_sight_a_turn_and_a_descent_end_within_half_a_second() -> None:
             assert setpoint.velocity[2] <= 0.0
 
 
-def test_out_of_sight_it_holds_climbs_and_hands_back_and_says_so() -> None:
+def test_with_the_pad_out_of_sight_it_holds_climbs_and_hands_back_and_says_so() -> None:
     flight = Flight(position=(-1.0, 0.0, -6.0)).engaged()
     flight.run(1.0)
     flight.visible = False
@@ -323,7 +325,7 @@ def test_out_of_sight_it_holds_climbs_and_hands_back_and_says_so() -> None:
     assert flight.run(0.5) != []
 
 
-def test_handing_back_ends_with_zeros_and_not_with_the_last_order() -> None:
+def test_handing_back_ends_with_zero_velocity_and_not_with_the_last_order() -> None:
     config = Config.model_validate({"guidance": {"lost": {"give_up_s": 4.0}}})
     flight = Flight(config=config).engaged()
     flight.visible = False
@@ -335,7 +337,7 @@ def test_handing_back_ends_with_zeros_and_not_with_the_last_order() -> None:
     assert last[-1] == STOP
 
 
-def test_seen_again_the_landing_goes_on() -> None:
+def test_the_landing_goes_on_when_the_pad_is_seen_again() -> None:
     flight = Flight().engaged()
     flight.run(1.0)
     flight.visible = False
@@ -347,7 +349,7 @@ def test_seen_again_the_landing_goes_on() -> None:
     assert flight.distance < 0.1
 
 
-def test_every_loss_of_sight_is_told() -> None:
+def test_every_loss_of_sight_is_told_to_the_pilot() -> None:
     flight = Flight(position=(-20.0, 0.0, -8.0)).engaged()
     for _ in range(3):
         flight.visible = True
@@ -358,7 +360,7 @@ def test_every_loss_of_sight_is_told() -> None:
         assert any("not in sight" in text for text in flight.texts[before:])
 
 
-def test_a_camera_that_sends_nothing_any_more_is_told_as_that_at_once() -> None:
+def test_the_pilot_is_told_at_once_when_the_camera_sends_no_more_pictures() -> None:
     flight = Flight(position=(-3.0, 0.0, -4.0)).engaged().until(Phase.DESCENT)
     before = len(flight.texts)
     flight.silent = {Sightings}
@@ -470,9 +472,7 @@ def spoilt(true: PoseSolution, field: str, bad: float) -> PoseSolution:
 @pytest.mark.parametrize(
     "field", ["position", "normal", "north", "covariance", "sigma_yaw", "sigma_tilt", "cost"]
 )
-def test_sightings_with_an_impossible_number_are_as_good_as_no_sightings(
-    field: str, bad: float
-) -> None:
+def test_sightings_with_impossible_numbers_count_as_none(field: str, bad: float) -> None:
     flight = Flight(position=(-6.0, 0.0, -8.0)).engaged()
     flight.run(1.0)
     flight.distort = lambda true: spoilt(true, field, bad)
@@ -486,7 +486,7 @@ def test_sightings_with_an_impossible_number_are_as_good_as_no_sightings(
     assert norm(sub(seen.error, sub(flight.pad, flight.feet))) < 0.05
 
 
-def test_a_sighting_from_no_time_or_an_older_one_changes_nothing() -> None:
+def test_a_sighting_with_an_impossible_or_old_time_changes_nothing() -> None:
     flight, other = Flight().engaged(), Flight().engaged()
     for f in (flight, other):
         f.run(1.0)
@@ -661,7 +661,7 @@ def test_it_commits_below_the_commit_height_only() -> None:
     assert flight.height < flight.config.guidance.descent.commit_height_m + 0.03
 
 
-def test_lost_for_good_just_before_commit_it_climbs_away() -> None:
+def test_a_pad_lost_for_good_just_before_commit_is_climbed_away_from() -> None:
     flight = Flight().engaged()
     while flight.height > 0.4:
         flight.tick()
@@ -673,7 +673,7 @@ def test_lost_for_good_just_before_commit_it_climbs_away() -> None:
     assert flight.disarm_orders == []
 
 
-def test_a_landing_that_is_never_good_enough_is_given_back_to_the_pilot_from_higher_up() -> None:
+def test_a_landing_that_may_never_commit_is_handed_back_to_the_pilot_from_higher_up() -> None:
     never = {"commit_miss_m": 0.001}  # nearer than any landing
     config = Config.model_validate({"guidance": {"descent": never, "lost": {"retries": 1}}})
     flight = Flight(config=config).engaged()
@@ -865,7 +865,7 @@ def test_the_time_of_a_landing_runs_on_while_it_searches_and_anew_after_a_releas
     assert flight.lander.outcome is None
 
 
-def test_disarmed_with_a_foot_beside_the_plate_is_not_said_to_be_landed() -> None:
+def test_disarmed_with_a_foot_beside_the_plate_is_not_called_landed() -> None:
     flight = Flight().engaged()
     flight.skids = 0.9
     flight.until_contact()

@@ -6,7 +6,7 @@ from tests.mutants import MUTANTS, ROOT, Mutant
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.rule)
-def test_what_a_mutant_breaks_is_there_and_so_is_the_test_that_notices(mutant: Mutant) -> None:
+def test_every_mutants_code_and_test_exist(mutant: Mutant) -> None:
     assert (ROOT / mutant.file).read_text(encoding="utf-8").count(mutant.old) == 1
     path, _, name = mutant.test.rpartition("::")
     test = ROOT / "tests" / (path or "test_safety.py")

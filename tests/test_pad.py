@@ -75,7 +75,7 @@ def test_a_pad_has_a_heading_unless_it_is_plain_rings_about_one_place(
         ("markers:\n" + RING + TAG, "markers: []\n", "markers", "at least 1"),
     ],
 )
-def test_a_wrong_pad_is_told_with_file_key_and_what_was_expected(
+def test_a_wrong_pad_file_is_refused_with_file_key_and_what_was_expected(
     tmp_path: Path, found: str, instead: str, key: str, expected: str
 ) -> None:
     assert found in GOOD
@@ -115,7 +115,7 @@ def test_an_ambiguous_whycode_is_refused_in_one_line(
     assert "\n" not in line
 
 
-def test_of_six_bits_nine_codes_are_told_apart_at_every_turn(tmp_path: Path) -> None:
+def test_nine_whycodes_of_six_bits_can_be_told_apart_at_every_rotation(tmp_path: Path) -> None:
     usable = []
     for number in range(64):
         text = f"name: test\nmarkers:\n{CODE.replace('id: 5', f'id: {number}')}{PLATE}"
@@ -137,12 +137,12 @@ def test_a_whycode_twice_on_a_pad_is_refused(tmp_path: Path) -> None:
         load(tmp_path, f"name: test\nmarkers:\n{CODE}{CODE}{PLATE}")
 
 
-def test_all_faults_of_a_pad_are_told_at_once(tmp_path: Path) -> None:
+def test_all_faults_of_a_pad_file_are_reported_together(tmp_path: Path) -> None:
     with pytest.raises(PadError, match=r"outer_diameter_m.*size_m"):
         load(tmp_path, GOOD.replace("1.0", "-1.0").replace("0.3", "-0.3"))
 
 
-def test_what_is_no_pad_file_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_file_that_is_no_pad_file_is_refused_in_one_line(tmp_path: Path) -> None:
     def complaint(path: Path) -> str:
         with pytest.raises(PadError) as e:
             load_pad(path)
@@ -209,7 +209,9 @@ def test_a_square_twice_is_refused(tmp_path: Path) -> None:
         ("id: 0", "id: 0.0"),
     ],
 )
-def test_what_is_no_number_is_not_made_one(tmp_path: Path, was: str, instead: str) -> None:
+def test_texts_dates_and_truth_values_are_not_converted_to_numbers(
+    tmp_path: Path, was: str, instead: str
+) -> None:
     with pytest.raises(PadError, match=r"pad\.yaml") as e:
         load(tmp_path, GOOD.replace(was, instead))
     assert "\n" not in str(e.value)
@@ -222,7 +224,7 @@ def test_an_id_is_decimal_and_a_name_like_a_date_is_text(tmp_path: Path) -> None
     assert layout.name == "2024-02-30"
 
 
-def test_a_wrong_marker_is_not_said_to_be_missing(tmp_path: Path) -> None:
+def test_a_marker_with_a_fault_is_not_reported_as_missing_besides(tmp_path: Path) -> None:
     with pytest.raises(PadError, match="looks the same") as e:
         load(tmp_path, f"name: test\nmarkers:\n{CODE.replace('id: 5', 'id: 21')}{PLATE}")
     assert "at least" not in str(e.value)

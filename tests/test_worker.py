@@ -86,7 +86,7 @@ def test_jobs_that_hang_one_after_the_other_do_not_pile_up() -> None:
     asyncio.run(asyncio.wait_for(main(), 10.0))
 
 
-def test_what_a_job_raises_is_raised() -> None:
+def test_an_exception_of_a_job_is_raised_where_its_result_is_awaited() -> None:
     def fails() -> None:
         raise KeyError("in a job")
 

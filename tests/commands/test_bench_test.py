@@ -26,7 +26,7 @@ def bench(capsys: pytest.CaptureFixture[str], test: str, *more: str) -> tuple[in
     return code, report
 
 
-def test_a_sound_camera_is_told_go_and_each_picture_is_recorded(
+def test_a_sound_camera_is_a_go_and_each_picture_is_in_the_table(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     file = tmp_path / "bench.csv"
@@ -50,7 +50,7 @@ def test_a_sound_camera_is_told_go_and_each_picture_is_recorded(
         ("sim.gimbal.mount={pitch_zero_deg: 7}", "angle_deg"),
     ],
 )
-def test_a_wrong_print_and_a_gimbal_put_on_askew_are_no_go_by_their_own_figure(
+def test_a_wrong_print_and_a_gimbal_mounted_askew_each_fail_by_their_own_figure(
     wrong: str, figure: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, report = bench(capsys, "pose", *TOLD_WELL, "--set", wrong)
@@ -73,7 +73,7 @@ def test_a_gimbal_centres_the_pad_and_a_slow_one_is_told(
     assert "pitch does not follow" in report["refused"][0]
 
 
-def test_a_pad_that_is_nowhere_is_told_with_what_to_look_at(
+def test_a_pad_that_is_not_found_is_reported_with_what_to_look_at(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     too_far = ("--height", "1.5", "--mark=20,0", "--set", "sim.camera.fps=3")
@@ -122,7 +122,7 @@ def test_devices_that_are_not_there_are_told_at_each_mark() -> None:
     assert done.stderr == ""
 
 
-def test_where_nobody_can_answer_it_says_so() -> None:
+def test_without_standard_input_it_is_refused() -> None:
     done = on_a_vehicle("")
     assert done.returncode == 2
     assert done.stderr == "nobody can press Enter: standard input has ended\n"

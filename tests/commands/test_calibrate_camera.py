@@ -79,7 +79,7 @@ def test_a_charuco_board_that_reaches_beyond_the_picture_gives_the_lens(
     check_lens(load_camera(made), CAMERA)
 
 
-def test_a_fisheye_is_found_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fisheye_lens_is_calibrated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fisheye = CameraModel(480, 360, 190.0, 189.0, 243.0, 176.0, (0.02, -0.01, 0.004, -0.001), True)
     shoot(tmp_path, fisheye, chessboard(8, 6), wide_views(0.28, 38.0))
     made = tmp_path / "mine.yaml"
@@ -118,7 +118,7 @@ def test_wrong_input_is_told_in_one_line(
     assert "smaller" in complaint(str(photos), *CHARUCO[:-2], "--marker", "0.04")
 
 
-def test_a_bad_image_is_left_out_and_what_is_written_is_said(
+def test_a_bad_image_is_left_out_and_a_failed_write_is_reported(
     photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad, made = tmp_path / "bad", tmp_path / "mine.yaml"

@@ -101,7 +101,7 @@ def test_what_cannot_be_calibrated_is_refused_with_the_reason(
     assert "keys" not in report
 
 
-def test_the_keys_are_written_as_the_configuration_has_them(
+def test_the_written_keys_can_be_included_in_the_configuration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def report(*_: object, **__: object) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def test_an_exception_is_counted_with_its_seed_and_makes_the_campaign_bad(
     assert "turning, seed 2: ValueError: no (world.py:1)\n" in captured.err
 
 
-def test_a_landing_that_fails_is_told_while_the_others_fly(
+def test_a_failed_landing_is_reported_while_the_others_fly(
     flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
 ) -> None:
     lost = landing("turning", 1, landed=False, outcome="handed_back")
@@ -124,7 +124,7 @@ def test_a_stopped_campaign_goes_on_with_what_it_kept(
         flown["turning", 4] = flown["turning", 5] = AssertionError("flown again")
 
 
-def test_pictures_that_are_only_searched_are_a_table_of_distances(
+def test_a_campaign_of_poses_is_a_table_of_errors_by_distance(
     flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
 ) -> None:
     name = "stationary # poses"
@@ -151,7 +151,7 @@ def test_runs_of_two_configurations_are_not_mixed(
 
 
 @pytest.mark.parametrize("text", ["mine\n", "\xff\n", None])
-def test_a_file_of_somebody_elses_is_left_alone(
+def test_a_file_of_another_program_is_not_overwritten(
     text: str | None,
     flown: dict[Task, Run | BaseException],
     tmp_path: Path,
@@ -210,7 +210,7 @@ rows:
 """
 
 
-def test_a_killed_campaign_that_goes_on_is_the_one_that_was_never_stopped(
+def test_a_killed_and_continued_campaign_gives_the_results_of_an_uninterrupted_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(os, "environ", dict(os.environ))
@@ -247,7 +247,7 @@ def _runs(kept: Path) -> list[str]:
     return found
 
 
-def test_a_campaign_of_faults_tells_what_came_of_them(
+def test_a_campaign_of_faults_prints_a_table_of_their_results(
     flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
 ) -> None:
     note = {"fault": "gust", "severity": 0.5, "lasts_s": 1.0, "lands": True, "began": 5.0}
@@ -262,7 +262,7 @@ def test_a_campaign_of_faults_tells_what_came_of_them(
     assert printed["least"] == []
 
 
-def test_each_seed_of_a_campaign_of_faults_has_its_own() -> None:
+def test_each_seed_of_a_campaign_of_faults_flies_its_own_faults() -> None:
     landings = flying.SimulatedLanding(
         load_campaigns("faults")["faults"], config_dir() / "default.yaml", ()
     )

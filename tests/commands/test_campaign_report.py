@@ -103,7 +103,7 @@ def test_a_thesis_campaign_is_a_page_with_its_figures(
     assert page.heads  # for phones, where each line of a table is a card
 
 
-def test_rows_stand_beside_the_thesiss(tmp_path: Path) -> None:
+def test_results_are_shown_beside_those_of_the_thesis(tmp_path: Path) -> None:
     output = tmp_path / "results.md"
     assert main(["report", str(keep(tmp_path, "linear")), "-o", str(output)]) == 0
     (head, improved) = (
@@ -118,7 +118,7 @@ def test_rows_stand_beside_the_thesiss(tmp_path: Path) -> None:
     assert "2026-01-02, landerd 0.1.0 (abc1234)" in output.read_text()
 
 
-def test_the_worst_flights_can_be_flown_again(tmp_path: Path) -> None:
+def test_the_page_has_the_commands_that_repeat_the_worst_flights(tmp_path: Path) -> None:
     output = tmp_path / "results.md"
     file = keep(tmp_path, "radial", command=("--set", "sim.sight=modelled"))
     with file.open("a") as kept:
@@ -165,7 +165,7 @@ def test_files_of_all_kinds_become_one_page_of_results(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "mine\n", '{"campaign": "thesis"}\n', '{"settings": "1"}\n'])
-def test_another_file_is_refused_in_one_line(
+def test_a_file_of_another_kind_is_refused_in_one_line(
     text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = tmp_path / "other.jsonl"
@@ -176,7 +176,7 @@ def test_another_file_is_refused_in_one_line(
     assert not (tmp_path / "r.html").exists()
 
 
-def test_what_is_kept_says_what_it_is(tmp_path: Path) -> None:
+def test_a_file_of_runs_holds_its_campaigns_and_sittings(tmp_path: Path) -> None:
     kept = read_kept(keep(tmp_path, "wind", runs=1))
     assert kept.plan.campaigns == load_campaigns("wind")
     assert kept.sittings == (SITTING,)

@@ -389,7 +389,7 @@ def pad_with(fault: str) -> Callable[[SetUp], None]:
     ],
     ids=lambda value: getattr(value, "__name__", None),
 )
-def test_what_is_broken_is_named(
+def test_each_defect_of_a_set_up_is_reported_with_its_remedy(
     change: Callable[[SetUp], None], level: str, item: str, what: str, mend: str
 ) -> None:
     set_up = SetUp()
@@ -413,7 +413,7 @@ def test_what_is_broken_is_named(
     ("device", "method"),
     [("camera", "open"), ("camera", "close"), ("gimbal", "state"), ("link", "open")],
 )
-def test_an_error_of_a_driver_that_nobody_foresaw_is_a_finding(
+def test_an_unexpected_error_of_a_driver_is_a_finding(
     monkeypatch: pytest.MonkeyPatch, device: str, method: str
 ) -> None:
     async def fail() -> None:
@@ -437,7 +437,7 @@ def test_an_error_of_a_driver_that_nobody_foresaw_is_a_finding(
         (None, False, "not MAVLink that can be read", "the right port"),
     ],
 )
-def test_who_is_not_listened_to_on_udp_is_told(
+def test_a_sender_on_udp_that_is_ignored_is_reported(
     tmp_path: Path, system: int | None, has_key: bool, what: str, mend: str
 ) -> None:
     overrides = ["camera.driver=v4l2", "gimbal.driver=fixed"]
@@ -499,7 +499,7 @@ def own_lens(set_up: SetUp) -> None:
         ),
     ],
 )
-def test_of_a_sound_set_up_nothing_wrong_is_said(sound: Callable[[SetUp], None]) -> None:
+def test_a_sound_set_up_has_no_warning(sound: Callable[[SetUp], None]) -> None:
     set_up = SetUp()
     sound(set_up)
     assert [f for f in set_up.check() if f.level != "ok" and f.item != "log"] == []
@@ -572,7 +572,7 @@ def test_the_service_is_checked_with_what_a_ground_station_saved_for_it(
 
 
 @pytest.mark.parametrize("name", ["landerd", "landerd@boat"])
-def test_saved_parameters_are_where_the_unit_has_them(name: str) -> None:
+def test_saved_parameters_are_read_from_the_services_own_file(name: str) -> None:
     unit = (Path(__file__).parents[2] / "systemd" / "landerd.service").read_text()
     words = unit.replace("%N", name).split()
     config = Path(words[words.index("-c") + 1])
@@ -587,7 +587,7 @@ def test_a_size_of_another_aspect_than_the_calibration_is_a_finding_and_not_a_cr
     assert math.isclose(set_up.gimbal.pitch, -0.4)
 
 
-def test_of_servos_it_is_told_that_nobody_measures_them_and_what_they_reach() -> None:
+def test_unmeasured_servos_are_a_warning_and_their_reach_is_reported() -> None:
     set_up = SetUp()
     set_up.gimbal.traits = GimbalTraits(
         Reference.BODY, Feedback.MODELLED, 50.0, (0.0, 0.0), (math.radians(-100.0), 0.3)
@@ -605,7 +605,7 @@ def test_of_servos_it_is_told_that_nobody_measures_them_and_what_they_reach() ->
     assert ("warn", "gimbal motion") in [(f.level, f.item) for f in findings]
 
 
-def test_where_the_service_records_is_no_warning_and_a_full_disk_is(
+def test_a_full_disk_is_a_warning_but_the_services_log_folder_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)

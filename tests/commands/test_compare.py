@@ -19,7 +19,7 @@ def kept(path: Path, **series: list[float]) -> str:
     return str(path)
 
 
-def test_it_says_what_got_better_and_what_got_worse(
+def test_figures_that_got_better_and_worse_are_marked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     a = kept(tmp_path / "a", time_s=[20.0, 22.0, 24.0], energy_hj=[60.0, 61.0, 62.0])
@@ -32,7 +32,9 @@ def test_it_says_what_got_better_and_what_got_worse(
     ]
 
 
-def test_the_same_twice_is_no_news(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_campaign_compared_with_itself_shows_no_change(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     a = kept(tmp_path / "a", time_s=[20.0, 22.0, 24.0])
     assert main(["compare", a, a, "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["rows"]

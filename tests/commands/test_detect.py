@@ -55,7 +55,7 @@ def test_json_is_one_object_an_image(folder: Path, capsys: pytest.CaptureFixture
 
 
 @pytest.mark.parametrize("orientation", [3, 6])
-def test_a_camera_that_was_held_another_way_has_the_same_calibration(
+def test_a_jpeg_is_not_rotated_by_its_orientation_tag(
     orientation: int, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """EXIF tells viewers to turn the picture; principal point and distortion do not turn."""
@@ -74,7 +74,9 @@ def test_a_camera_that_was_held_another_way_has_the_same_calibration(
     assert math.dist(pad["position_m"], VIEW.position) < 0.02
 
 
-def test_a_tiff_is_not_turned_either(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_tiff_is_not_rotated_by_its_orientation_tag(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """OpenCV turns a TIFF, whatever it is told."""
     file = tmp_path / "held.tif"
     file.write_bytes(tiff(picture(), orientation=3))
@@ -200,12 +202,14 @@ def test_a_bad_source_is_one_clear_line(
     assert name in printed.err
 
 
-def test_no_source_is_not_the_working_folder(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_source_is_not_taken_for_the_working_folder(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["detect", "", *FILES]) == 2
     assert "expected an image" in capsys.readouterr().err
 
 
-def test_a_telephones_pictures_in_a_folder_are_not_passed_over(
+def test_heic_files_in_a_folder_are_reported_as_not_read(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "IMG_1.HEIC").write_text("not read")
@@ -236,7 +240,7 @@ def test_an_image_of_another_aspect_is_refused(
     assert "640x400" in capsys.readouterr().err
 
 
-def test_what_of_the_picture_is_left_out_is_said_once(
+def test_the_part_of_the_picture_that_is_left_out_is_reported_once(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = (CONFIG / "cameras" / "thesis.yaml").read_text()
@@ -248,7 +252,7 @@ def test_what_of_the_picture_is_left_out_is_said_once(
     assert "left out" in told[0]
 
 
-def test_an_image_of_half_the_size_is_measured_alike(
+def test_an_image_of_half_the_size_shows_the_pad_in_the_same_place(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     half = cv2.resize(picture(), (320, 240), interpolation=cv2.INTER_AREA)
@@ -268,7 +272,7 @@ def test_a_pad_with_an_unknown_dictionary_is_refused(
     assert "APRILTAG_99h9" in capsys.readouterr().err
 
 
-def test_a_bad_image_in_a_folder_costs_only_itself(
+def test_the_other_images_of_a_folder_are_searched_besides_a_bad_one(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "aa.png").write_bytes(bytes(100))

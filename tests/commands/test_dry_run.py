@@ -55,7 +55,7 @@ def test_a_video_is_aligned_by_its_motion(
     assert played_hz(film) == pytest.approx(FPS, rel=0.02)
 
 
-def test_a_picture_without_anything_in_it_is_told_in_one_line(
+def test_an_empty_image_file_is_reported_in_one_line(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "frame-0.0.png").touch()
@@ -90,7 +90,9 @@ def test_without_a_video_a_drawn_pad_is_landed_on(
     capture.release()
 
 
-def test_how_it_ends_is_told_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_outcome_is_printed_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     flight = str(write_bin(tmp_path / "a.bin", skip=("MNT",)))
     assert main(["dry-run", "--telemetry", flight, "--fps", "1", "--to", "4"]) == 0
     said = capsys.readouterr().out
@@ -101,7 +103,7 @@ def test_how_it_ends_is_told_in_words(tmp_path: Path, capsys: pytest.CaptureFixt
     assert not any("_" in text for text in words)
 
 
-def test_what_makes_the_result_doubtful_is_said(
+def test_reasons_to_doubt_the_result_are_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flight = str(write_bin(tmp_path / "a.bin", skip=("MNT",)))
@@ -128,7 +130,7 @@ def test_a_pad_in_degrees_and_one_in_metres_are_the_same(
     assert by_degrees["frames_with_pad"] == by_metres["frames_with_pad"] > 5
 
 
-def test_what_cannot_be_used_is_one_line(
+def test_unusable_input_is_refused_in_one_line(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tlog = str(recording / "a.tlog")

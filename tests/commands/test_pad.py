@@ -204,7 +204,7 @@ def test_one_sheet_for_a_print_shop(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert edges == pytest.approx([20, 20, 1260, 1660], abs=1e-3)
 
 
-def test_what_the_ruler_says_scales_everything(
+def test_a_measured_ruler_scales_all_markers_and_places(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "mine.yaml"
@@ -218,7 +218,7 @@ def test_what_the_ruler_says_scales_everything(
     assert after.name == before.name
 
 
-def test_a_marker_that_was_measured_itself_goes_before_the_ruler(
+def test_a_markers_own_measured_size_takes_precedence_over_the_ruler(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "mine.yaml"
@@ -229,7 +229,7 @@ def test_a_marker_that_was_measured_itself_goes_before_the_ruler(
     assert after.squares[0].size_m == pytest.approx(0.99 * 0.18)
 
 
-def test_a_pad_file_keeps_what_it_says_of_its_own_truth(
+def test_a_measured_pad_file_keeps_the_tolerances_that_it_states(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pad = tmp_path / "pad.yaml"
@@ -249,7 +249,7 @@ def test_a_pad_file_keeps_what_it_says_of_its_own_truth(
         ("120cm", [20.0, 0.6], ["whycon", "apriltag"]),
     ],
 )
-def test_a_proposed_pad_is_seen_from_there_and_near_the_ground(
+def test_a_proposed_pad_is_seen_from_the_wanted_distance_and_near_the_ground(
     side: str,
     distances: list[float],
     kinds: list[str],
@@ -282,7 +282,9 @@ def test_a_longer_lens_sees_a_smaller_pad_as_far(
     assert [m["name"] for m in result["markers"]] == ["whycode-5"]
 
 
-def test_in_words_it_says_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_prints_the_markers_the_sheets_and_the_files_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["pad", "nested", "-o", str(tmp_path / "pad.pdf")]) == 0
     out = capsys.readouterr().out
     assert "whycon         1000 mm, seen from 25 m" in out
@@ -290,7 +292,7 @@ def test_in_words_it_says_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFi
     assert f"wrote {tmp_path / 'pad.pdf'}" in out
 
 
-def test_a_length_that_no_printer_makes_is_asked_about(
+def test_a_length_off_by_more_than_printers_err_is_questioned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = str(tmp_path / "mine.yaml")
@@ -366,7 +368,7 @@ def test_wrong_input_is_one_clear_line_and_nothing_is_written(
         ([""], "expected the name of a pad"),
     ],
 )
-def test_a_slip_is_refused(
+def test_slips_of_the_pen_in_arguments_and_pad_files_are_refused(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -50,7 +50,7 @@ def test_a_simulated_flight_with_lossless_images_replays_in_core_and_vision(
     assert ("BAD_DATA", 0) not in kinds
 
 
-def test_what_if_says_what_would_have_changed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_with_set_it_prints_what_would_have_changed(capsys: pytest.CaptureFixture[str]) -> None:
     code, result = replayed(capsys, str(GOLDEN), "--set", "guidance.descent.k1_m=0.01")
     assert code == 0
     assert not result["identical"]
@@ -61,7 +61,9 @@ def test_what_if_says_what_would_have_changed(capsys: pytest.CaptureFixture[str]
     assert "phases now:" in capsys.readouterr().out
 
 
-def test_a_flight_without_an_outcome_has_none(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_replay_of_a_flight_without_an_outcome_prints_none(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     closed = str(GOLDEN.with_name("gate-closed.mcap"))
     assert main(["replay", closed, "--set", "guidance.limits.speed_mps=2"]) == 0
     assert "outcome now: none, pad lost 0 times" in capsys.readouterr().out

@@ -100,7 +100,9 @@ def test_it_serves_a_vehicle_and_a_ground_station_and_ends_when_told(tmp_path: P
     asyncio.run(asyncio.wait_for(main(), 90.0))
 
 
-def test_with_a_key_all_it_says_is_signed_and_an_open_key_is_refused(tmp_path: Path) -> None:
+def test_with_a_key_all_messages_are_signed_and_a_key_that_others_may_read_is_refused(
+    tmp_path: Path,
+) -> None:
     key = tmp_path / "key"
     key.write_text("correct horse")
     key.chmod(0o600)
@@ -150,7 +152,7 @@ Lander.step = step
 """
 
 
-def test_a_core_that_fails_is_told_and_ends_the_process_so_that_it_is_started_again(
+def test_a_core_that_fails_ends_the_process_with_code_1_so_that_systemd_restarts_it(
     tmp_path: Path,
 ) -> None:
     port = free_port()

@@ -34,37 +34,37 @@ def found(**changed: float) -> LastFlight:
     return replace(FOUND, sensors=replace(SENSORS, **changed))
 
 
-def test_pictures_that_are_stamped_early_are_told() -> None:
+def test_pictures_with_time_stamps_too_early_are_reported() -> None:
     (finding,) = sensor_findings(Config(), FOUND)
     assert finding.level == "warn"
     assert "21 ms earlier" in finding.what
     assert finding.mend == "set camera.clock_offset_s: -0.021"
 
 
-def test_what_is_set_already_is_not_offered_again() -> None:
+def test_an_error_that_the_configuration_corrects_already_is_not_reported() -> None:
     config = Config(camera=CameraSection(clock_offset_s=-0.020))
     assert sensor_findings(config, FOUND) == []
 
 
-def test_what_is_not_sure_is_not_offered() -> None:
+def test_an_uncertain_error_is_not_reported() -> None:
     assert sensor_findings(Config(), found(sigma_clock_s=0.008)) == []
 
 
-def test_a_lens_that_looks_low_is_told() -> None:
+def test_a_lens_that_points_too_low_is_reported() -> None:
     low = found(clock_s=0.0, up=math.radians(-2.0))
     (finding,) = sensor_findings(Config(), low)
     assert "2.0 degrees lower" in finding.what
     assert finding.mend == "set pitch of gimbal.camera_rotation_deg to -2.0"
 
 
-def test_it_is_kept_from_one_flight_to_the_next(tmp_path: Path) -> None:
+def test_what_a_flight_found_out_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "sensors.json"
     for flight in (FOUND, replace(FOUND, health=None)):
         write_sensors(path, flight)
         assert read_sensors(path) == flight
 
 
-def test_another_user_than_the_services_reads_it_too(tmp_path: Path) -> None:
+def test_the_file_is_readable_for_other_users_than_the_services(tmp_path: Path) -> None:
     path = tmp_path / "sensors.json"
     before = os.umask(0o077)  # as in the unit
     try:
@@ -74,7 +74,9 @@ def test_another_user_than_the_services_reads_it_too(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o644
 
 
-def test_what_may_not_be_read_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_this_user_may_not_read_is_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def locked(path: Path, **_: object) -> str:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
 
@@ -97,14 +99,14 @@ def test_what_may_not_be_read_is_told(tmp_path: Path, monkeypatch: pytest.Monkey
         (replace(HEALTH, picture_age_s=0.34), "pictures were 0.34 s old", "check --budget"),
     ],
 )
-def test_a_flight_that_saw_badly_is_told_before_the_next(
+def test_a_flight_with_poor_sight_is_reported_before_the_next(
     health: Health, says: str, mend: str
 ) -> None:
     (finding,) = sensor_findings(Config(), replace(found(clock_s=0.0), health=health))
     assert (finding.level, says in finding.what, mend in finding.mend) == ("warn", True, True)
 
 
-def test_it_is_written_beside_the_flight_and_before_the_end(tmp_path: Path) -> None:
+def test_a_slow_disk_delays_no_orders_and_the_file_is_whole_at_the_end(tmp_path: Path) -> None:
     """A pipe is written to as slowly as it is read: such a disk must not hold up the orders."""
     path = tmp_path / "sensors.json"
     pipe = path.with_suffix(".new")
@@ -156,7 +158,7 @@ def test_a_disk_that_hangs_when_a_landing_has_ended_does_not_keep_the_process(
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", "7", '{"sensors": {}, "health": null}'])
-def test_a_damaged_file_is_no_news(tmp_path: Path, text: str) -> None:
+def test_a_damaged_file_is_ignored(tmp_path: Path, text: str) -> None:
     path = tmp_path / "sensors.json"
     path.write_text(text)
     assert read_sensors(path) is None

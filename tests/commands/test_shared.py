@@ -37,7 +37,7 @@ def test_files_that_cannot_be_written_are_refused_with_the_flag(tmp_path: Path) 
         check_folder(tmp_path / "none" / "a.yaml")
 
 
-def test_nobody_waits_for_an_answer_that_is_not_wanted_any_more(
+def test_a_cancelled_question_does_not_wait_for_its_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """After Ctrl-C the command ended only when Enter was pressed, too."""
@@ -51,7 +51,7 @@ def test_nobody_waits_for_an_answer_that_is_not_wanted_any_more(
     assert took_s < 2.0
 
 
-def test_without_anybody_to_answer_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_question_without_standard_input_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def ended(_: str) -> str:
         raise EOFError
 

@@ -20,7 +20,7 @@ from tests.test_cli import landerd
 pytestmark = pytest.mark.long
 
 
-def test_a_landing_is_told_as_one_json_object_and_nothing_else() -> None:
+def test_a_landing_is_printed_as_one_json_object_and_nothing_else() -> None:
     low = ["--set", "sim.start.altitude_m=2.5", "--set", "aim.idle_pitch_deg=-90"]
     low += ["--set", "sim.camera.fps=15"]
     done = landerd("sim", "hover", "--seed", "3", "--json", *low)
@@ -54,7 +54,7 @@ class Busy(Observer):
         self._is_done = True
 
 
-def test_a_computer_that_held_a_flight_in_real_time_up_is_named(
+def test_a_computer_too_slow_for_a_flight_in_real_time_is_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def short(*args: Any, **kwargs: Any) -> dict[str, Any]:
@@ -72,7 +72,7 @@ def test_a_computer_that_held_a_flight_in_real_time_up_is_named(
     assert "too busy" not in capsys.readouterr().out
 
 
-def test_a_picture_that_the_disk_does_not_take_does_not_cost_the_result(
+def test_the_result_is_printed_even_if_the_picture_cannot_be_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture = tmp_path / "full.png"
@@ -85,7 +85,7 @@ def test_a_picture_that_the_disk_does_not_take_does_not_cost_the_result(
     assert told.err == f"{picture}: cannot be written: No space left on device\n"
 
 
-def test_a_disk_that_is_full_costs_both_logs_and_both_are_named(
+def test_both_logs_that_a_full_disk_cuts_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def write(fd: int, data: bytes) -> int:
@@ -101,7 +101,7 @@ def test_a_disk_that_is_full_costs_both_logs_and_both_are_named(
     assert named == [str(log), str(log.with_suffix(".tlog"))]
 
 
-def test_what_nobody_could_have_kept_for_a_fault_is_told_as_excused(
+def test_a_rule_that_a_fault_made_impossible_to_keep_is_reported_as_excused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     stall = "sim.faults=[{fault: loop-stalls, at: {phase: DESCENT, after_s: 1}, severity: 0.2}]"

@@ -76,7 +76,7 @@ def test_a_grid_finds_the_best_and_checks_it_on_other_seeds(
     assert "on 5 fresh seeds of each it holds" in out.read_text()
 
 
-def test_cma_es_finds_what_lies_between(
+def test_cma_es_finds_an_optimum_between_the_grid_points(
     flown: Flights, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("cmaes")
@@ -126,7 +126,7 @@ def test_a_search_that_was_stopped_goes_on_with_what_it_kept(
         (TUNING.replace("sets: 24", "sets: 5"), "sets: found 5, expected 6 or more: CMA-ES"),
     ],
 )
-def test_what_cannot_be_tuned_is_one_line_and_nothing_is_flown(
+def test_a_tuning_that_is_impossible_is_refused_in_one_line_and_nothing_is_flown(
     text: str,
     says: str,
     flown: Flights,
@@ -140,7 +140,7 @@ def test_what_cannot_be_tuned_is_one_line_and_nothing_is_flown(
     assert flown.asked == []
 
 
-def test_a_flight_tells_the_vehicle_and_the_file_can_be_flown_with(
+def test_gains_fitted_from_a_flight_are_a_valid_configuration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("cmaes")
