@@ -30,7 +30,7 @@ def test_the_interval_of_a_mean_is_as_wide_as_the_values_differ() -> None:
     assert mean_interval([1.0]) is None
 
 
-def test_mcnemar_asks_only_how_uneven_the_pairs_that_differ_are() -> None:
+def test_mcnemars_test_counts_only_the_pairs_that_differ() -> None:
     assert mcnemar(0, 0) == 1.0
     assert mcnemar(1, 1) == 1.0
     assert mcnemar(0, 5) == pytest.approx(2 / 32)

@@ -60,7 +60,7 @@ def test_the_page_tells_the_landing_and_needs_nothing_else(landing: Path, tmp_pa
     assert "LANDED" in page.text
 
 
-def test_sentences_say_when_and_where(landing: Path) -> None:
+def test_the_reports_sentences_state_times_and_figures(landing: Path) -> None:
     told = sentences(flight_of(read_log(landing)))
     text = " ".join(told)
     assert "landerd lost sight of the pad once" in text
@@ -105,13 +105,15 @@ def test_a_cut_log_is_reported_as_far_as_it_goes(landing: Path, tmp_path: Path) 
     assert "How true the sightings were" in text
 
 
-def test_what_is_no_log_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_no_log_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "no.mcap").touch()
     assert main(["report", str(tmp_path / "no.mcap"), "-o", str(tmp_path / "r.html")]) == 2
     assert capsys.readouterr().err == f"{tmp_path / 'no.mcap'}: empty, expected a flight log\n"
 
 
-def test_what_is_neither_a_log_nor_a_page_is_refused_by_its_name(
+def test_files_of_other_suffixes_are_refused(
     landing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture = tmp_path / "pad.jpg"

@@ -120,7 +120,7 @@ def test_too_few_views_are_refused() -> None:
     assert "5 pictures, 8 are needed" in reasons[0]
 
 
-def test_how_a_camera_turned_is_told_by_what_it_sees() -> None:
+def test_the_rotation_of_a_camera_is_found_from_its_views_of_the_pad() -> None:
     rng = random.Random(1)
     before = matmul(rot_zxy(0.0, 0.0, -0.5), R_GIMBAL_CAMERA)
     up = matmul(rot_zxy(0.0, 0.0, -0.4), R_GIMBAL_CAMERA)

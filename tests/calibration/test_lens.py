@@ -25,7 +25,7 @@ def views(poses: list[Pose], noise_px: float = 0.1) -> list[View]:
     return seen
 
 
-def test_views_from_all_sides_and_edges_are_believed() -> None:
+def test_a_calibration_from_views_from_all_sides_is_trusted() -> None:
     seen = views(GOOD)
     assert too_poor(seen, SIZE) == []
     result = calibrate(BOARD, seen, SIZE, "plumb_bob")
@@ -35,7 +35,7 @@ def test_views_from_all_sides_and_edges_are_believed() -> None:
     assert result.camera.fx == pytest.approx(CAMERA.fx, rel=0.003)
 
 
-def test_a_rational_lens_is_found_as_one() -> None:
+def test_a_rational_lens_is_calibrated() -> None:
     seen = views(GOOD)
     result = calibrate(BOARD, seen, SIZE, "rational")
     assert len(result.camera.distortion) == 8

@@ -26,7 +26,7 @@ def flown(response: Response, steps: list[float]) -> Stretch:
     [Response(0.02, 5.0, 12.0, 14.0), Response(0.0, 2.5, 5.0, 9.0), Response(0.2, 1.2, 2.0, 5.0)],
     ids=["agile", "reference", "sluggish"],
 )
-def test_a_vehicle_is_found_out_from_its_flight(vehicle: Response) -> None:
+def test_a_vehicles_response_is_fitted_from_its_flight(vehicle: Response) -> None:
     pytest.importorskip("cmaes")
     found = fit([flown(vehicle, [0.0, 8.0, -2.0, -1.0])], minimised)
     assert found.rms_mps < 0.02
@@ -37,7 +37,7 @@ def test_a_vehicle_is_found_out_from_its_flight(vehicle: Response) -> None:
     assert found.response.jerk_mps3 == pytest.approx(vehicle.jerk_mps3, rel=0.25)
 
 
-def test_a_gentle_flight_does_not_tell_more_than_was_flown() -> None:
+def test_a_gentle_flight_does_not_reveal_the_limits_of_acceleration() -> None:
     pytest.importorskip("cmaes")
     ramp = [0.4 * i for i in range(4)]
     found = fit([flown(Response(0.05, 5.0, 10.0, 9.0), ramp)], minimised)
@@ -45,13 +45,13 @@ def test_a_gentle_flight_does_not_tell_more_than_was_flown() -> None:
     assert found.response.acceleration_mps2 < 2.5
 
 
-def test_a_real_log_has_a_stretch_under_orders_of_its_own() -> None:
+def test_the_stretch_flown_by_landerds_orders_is_found_in_a_log() -> None:
     (stretch,) = stretches(read_log(GOLDEN / "moving-pad.mcap"))
     assert stretch.orders_t[-1] - stretch.orders_t[0] > 4.0
     assert len(stretch.flown) > 100
 
 
-def test_a_flight_that_goes_nowhere_is_told_to_tell_nothing() -> None:
+def test_a_flight_that_only_hovers_is_refused() -> None:
     hovers = read_log(GOLDEN / "moving-pad.mcap")
     for step in hovers.steps:
         if isinstance(step.message, LocalPosition):
@@ -60,7 +60,7 @@ def test_a_flight_that_goes_nowhere_is_told_to_tell_nothing() -> None:
         fit(stretches(hovers), minimised)
 
 
-def test_what_a_vehicle_has_not_the_power_for_is_not_taken_for_a_slow_answer() -> None:
+def test_a_speed_beyond_the_vehicles_power_is_not_taken_for_a_slow_response() -> None:
     """Ordered 8 m/s it flies 3, and no faster for 3 s: its lean and the air allow no more."""
     log = read_log(GOLDEN / "moving-pad.mcap")
     (whole,) = stretches(log)

@@ -71,7 +71,7 @@ def address(running: tuple[str, list[subprocess.Popen[bytes]]]) -> str:
     return running[0]
 
 
-def test_every_task_is_run_once_and_misfortune_is_one_failed_run(address: str) -> None:
+def test_every_task_is_run_once_and_one_that_raises_is_one_failed_run(address: str) -> None:
     tasks = [("raises", seed) for seed in range(1, 8)]
     runs = sorted(run_on_cluster(address, fly, tasks), key=lambda run: run.seed)
     here = sorted(run_all(fly, tasks, jobs=1), key=lambda run: run.seed)
@@ -88,7 +88,7 @@ def test_a_worker_with_another_landerd_flies_nothing(
 
 
 @pytest.mark.parametrize("nobody", ["tcp://127.0.0.1:9", "tcp://127.0.0.1", "nobody"])
-def test_nobody_there_is_one_clear_line(
+def test_an_address_without_a_scheduler_is_refused_in_one_line(
     nobody: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(cluster, "CONNECT_S", 0.5)

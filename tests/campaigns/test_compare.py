@@ -31,14 +31,14 @@ def test_a_small_gain_shows_in_pairs_though_the_days_differ_by_much() -> None:
     assert row["figures"]["energy_hj"]["verdict"] == "same"
 
 
-def test_noise_is_no_difference() -> None:
+def test_a_difference_within_noise_is_reported_as_the_same() -> None:
     rng = Random(2)
     a, b = ([20.0 + rng.gauss(0.0, 1.0) for _ in range(10)] for _ in range(2))
     (row,) = compare(flown(time_s=a), flown(time_s=b))
     assert row["figures"]["time_s"]["verdict"] == "same"
 
 
-def test_fewer_landings_are_worse_only_if_it_can_hardly_be_chance() -> None:
+def test_fewer_landings_are_worse_only_if_significant() -> None:
     good = flown(landed=[True] * 10)
     few = flown(landed=[False] * 3 + [True] * 7)
     many = flown(landed=[False] * 7 + [True] * 3)
@@ -72,7 +72,7 @@ def test_several_rows_are_also_taken_together() -> None:
     assert "better" in text
 
 
-def test_what_was_never_measured_is_left_out() -> None:
+def test_pairs_without_a_figure_are_left_out_of_it() -> None:
     a = flown(time_s=[None, 20.0])
     a["radial", 1] = Run("radial", 1, None, "ValueError: no (world.py:1)")
     (row,) = compare(a, flown(time_s=[18.0, 19.0]))

@@ -61,7 +61,7 @@ def test_the_first_to_fail_is_the_nearest_to_the_nominal_value_on_either_side() 
     assert marks(campaign, runs, 1.0)["-0.02"] == "fails"
 
 
-def test_words_have_no_order() -> None:
+def test_of_words_every_failing_value_is_the_first_to_fail() -> None:
     grounds = ("gravel", "canopy", "water")
     campaign = Campaign(
         sweeps=(Sweep(scenarios=("stationary",), key="sim.render.ground", values=grounds),)
@@ -71,7 +71,7 @@ def test_words_have_no_order() -> None:
     assert found == {"gravel": "first to fail", "canopy": "", "water": "first to fail"}
 
 
-def test_what_no_vehicle_could_have_landed_in_is_no_failure_of_landerds() -> None:
+def test_a_value_beyond_the_vehicle_does_not_count_as_failed() -> None:
     campaign = Campaign(
         sweeps=(Sweep(scenarios=("moving-5",), key="sim.wind.speed_mps", values=(8.0, 9.0)),)
     )
@@ -86,7 +86,7 @@ def test_what_no_vehicle_could_have_landed_in_is_no_failure_of_landerds() -> Non
     assert "wind.speed_mps 8.0, moving-5: handed_back (too much wind): seeds 1" in found.said
 
 
-def test_what_was_not_flown_yet_is_empty() -> None:
+def test_cells_of_flights_still_to_fly_are_empty() -> None:
     campaign = Campaign(sweeps=(SWEEP,))
     runs = {k: v for k, v in flown(campaign, {}).items() if "-0.03" in k and "moving" in k}
     found = effects_of(campaign, runs, lambda key: 0.0)
@@ -96,7 +96,7 @@ def test_what_was_not_flown_yet_is_empty() -> None:
     assert effects_of(campaign, {}, lambda key: 0.0) is None
 
 
-def test_the_names_of_rows_tell_the_sweeps_that_they_are_of() -> None:
+def test_sweeps_are_recovered_from_the_names_of_their_rows() -> None:
     gate = ("sim.autopilot.gate=override",)
     other = Sweep(
         scenarios=("moving-5",), key="sim.gimbal.mount", values=([1.0, 2],), settings=gate

@@ -36,7 +36,7 @@ def run(seed: int = 1, **changes: Any) -> Run:
         ({"time_s": 61.0}, "slow"),
     ],
 )
-def test_a_failure_has_the_class_of_the_gravest_thing(
+def test_a_failure_has_the_gravest_class_that_applies(
     changes: dict[str, Any], expected: str | None
 ) -> None:
     assert failure(run(**changes)) == expected
@@ -65,7 +65,7 @@ def days() -> list[Run]:
     return found
 
 
-def test_the_quantity_that_separates_is_found_also_when_it_goes_either_way() -> None:
+def test_a_quantity_whose_size_alone_separates_the_failed_days_is_found() -> None:
     best, *others = separations(days())
     assert best.key == "|clock|"
     assert best.auc == 1.0

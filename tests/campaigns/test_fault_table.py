@@ -69,11 +69,13 @@ RULE = "3: set-points less often than 20 Hz (at 5.20 s)"
         (flown(landed=False, outcome="handed_back", pad_out_of_reach_s=9.0), []),
     ],
 )
-def test_what_counts_as_a_failure(run: Run, found: list[str]) -> None:
+def test_a_flight_fails_by_exceptions_broken_rules_dangers_and_hard_contacts(
+    run: Run, found: list[str]
+) -> None:
     assert failures(run) == found
 
 
-def test_a_fault_that_never_came_is_not_over() -> None:
+def test_a_fault_that_never_began_does_not_count_as_short() -> None:
     run = flown()
     assert is_short(run)
     assert run.result is not None

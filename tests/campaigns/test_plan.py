@@ -107,7 +107,7 @@ def test_a_scenario_is_a_campaign_of_one_row() -> None:
     assert row.needed.landed_percent == 100.0
 
 
-def test_an_unknown_campaign_is_told_with_the_nearest() -> None:
+def test_an_unknown_campaign_is_refused_with_the_nearest_name() -> None:
     with pytest.raises(ConfigError, match="'guidence' is not known; nearest: guidance; all: "):
         load_campaigns("guidence")
 
@@ -130,7 +130,7 @@ def test_an_unknown_campaign_is_told_with_the_nearest() -> None:
         ),
     ],
 )
-def test_a_wrong_campaign_is_told_with_its_place(
+def test_a_wrong_campaign_file_is_refused_with_file_line_and_key(
     text: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mine = tmp_path / "mine.yaml"

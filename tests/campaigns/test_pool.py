@@ -21,7 +21,7 @@ def test_every_task_is_run_once() -> None:
         ("dies", "the process ended with exit code 9"),
     ],
 )
-def test_a_run_that_comes_to_grief_is_one_failed_run(scenario: str, error: str) -> None:
+def test_a_run_that_raises_or_dies_is_one_failed_run(scenario: str, error: str) -> None:
     runs = {run.seed: run for run in run_all(fly, [(scenario, n) for n in range(1, 5)], jobs=1)}
     assert sorted(runs) == [1, 2, 3, 4]
     assert runs[2].result is None
@@ -29,7 +29,7 @@ def test_a_run_that_comes_to_grief_is_one_failed_run(scenario: str, error: str) 
     assert all(runs[seed].error is None for seed in (1, 3, 4))
 
 
-def test_it_ends_its_processes_when_it_is_left() -> None:
+def test_closing_the_series_ends_its_processes() -> None:
     with closing(run_all(fly, [("radial", 1), *[("waits", n) for n in range(4)]], jobs=2)) as runs:
         assert next(runs) == Run("radial", 1, fly("radial", 1))
         assert multiprocessing.active_children()

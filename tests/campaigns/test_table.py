@@ -37,7 +37,7 @@ def test_a_row_counts_and_averages() -> None:
     assert row["failed_seeds"] == [3, 4, 5]
 
 
-def test_how_far_off_it_was_held_is_a_column_of_those_that_were_held() -> None:
+def test_the_error_of_holding_is_a_column_only_if_a_flight_held() -> None:
     held = [make_row(Row(scenario="hold"), runs({"hold_error_m_p95": 0.04}))]
     assert held[0]["hold_error_m_p95"] == pytest.approx(0.04)
     assert "hold m p95" in as_text(held, 400)
@@ -46,7 +46,7 @@ def test_how_far_off_it_was_held_is_a_column_of_those_that_were_held() -> None:
     assert "hold m p95" not in as_text(others, 400)
 
 
-def test_figures_of_nothing_are_unknown() -> None:
+def test_figures_of_a_row_without_landings_are_unknown() -> None:
     row = make_row(Row(scenario="radial"), [Run("radial", 1, None, "ValueError: no (x.py:1)")])
     assert row["time_s_mean"] is None
     assert row["touchdown_error_m_p95"] is None
@@ -69,7 +69,7 @@ def test_figures_of_nothing_are_unknown() -> None:
         ({"landed_percent": 0.0}, {"rules_broken": ["3: too fast"]}, "needed none"),
     ],
 )
-def test_what_a_row_needs(
+def test_a_row_misses_its_requirement_if_a_figure_is_too_large_or_unknown(
     needed: dict[str, float], changes: dict[str, object], missed: str | None
 ) -> None:
     row = make_row(Row(scenario="radial", needed=Needed(**needed)), runs(changes))

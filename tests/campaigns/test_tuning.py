@@ -29,12 +29,12 @@ def test_both_ends_of_every_packaged_range_are_good_configuration(name: str) -> 
         read_configuration(config_dir() / "default.yaml", overrides=row.settings)
 
 
-def test_a_cost_is_the_weighted_sum_of_what_was_reached() -> None:
+def test_the_cost_is_the_weighted_sum_of_the_results_figures() -> None:
     objective = Objective(time_s=1.0, touchdown_error_m=10.0)
     assert cost_of(runs(20.0, 22.0, touchdown_error_m=0.1), objective).mean == pytest.approx(22.0)
 
 
-def test_who_fails_costs_more_than_anybody_slow() -> None:
+def test_a_failed_flight_costs_more_than_any_slow_one() -> None:
     slow = cost_of(runs(60.0, 60.0), TIME)
     fast = runs(10.0, 10.0)
     failing = cost_of([fast[0], Run("radial", 2, None, "ValueError: no (x.py:1)")], TIME)
@@ -43,12 +43,12 @@ def test_who_fails_costs_more_than_anybody_slow() -> None:
     assert breaking.mean == math.inf
 
 
-def test_a_day_on_which_nobody_could_land_costs_nothing() -> None:
+def test_a_day_beyond_the_vehicle_does_not_count_in_the_cost() -> None:
     day = Run("field", 2, landing("field", 2, landed=False, time_s=None, infeasible="gale"))
     assert cost_of([*runs(20.0), day], TIME) == cost_of(runs(20.0), TIME)
 
 
-def test_values_that_are_tried_are_few_digits_and_within_the_range() -> None:
+def test_tried_values_are_rounded_and_within_their_range() -> None:
     tuning = Tuning(scenarios=("radial",), parameters={"a.kp": (0.1, 1.2345)}, objective=TIME)
     assert tuning.at([0.3333]) == {"a.kp": 0.478}
     assert tuning.at([1.0]) == {"a.kp": 1.23}
@@ -74,12 +74,12 @@ def test_a_faster_winner_that_fails_or_breaks_a_rule_does_not_hold() -> None:
     assert "rules were broken" in check(pairs(before, rule), TIME)["why_not"]
 
 
-def test_fresh_days_that_nobody_can_land_on_speak_for_no_winner() -> None:
+def test_a_winner_is_not_confirmed_by_days_beyond_the_vehicle() -> None:
     day = Run("field", 2, landing("field", 2, landed=False, time_s=None, infeasible="gale"))
     assert not check(pairs([day], [day]), TIME)["holds"]
 
 
-def test_what_was_found_can_be_included_in_a_configuration(tmp_path: Path) -> None:
+def test_the_file_of_gains_can_be_included_in_a_configuration(tmp_path: Path) -> None:
     text = overlay({"guidance.tracking.kp": 1.5, "guidance.tracking.ki": 0.25}, ["it holds"])
     assert text.startswith("# it holds\n")
     assert yaml.safe_load(text) == {"guidance": {"tracking": {"kp": 1.5, "ki": 0.25}}}
@@ -97,7 +97,7 @@ def test_what_was_found_can_be_included_in_a_configuration(tmp_path: Path) -> No
         ("parameters: {a: [1, 2]}\nscenarios: [hoover]", "scenario 'hoover' is not known"),
     ],
 )
-def test_a_wrong_tuning_is_told(text: str, says: str, tmp_path: Path) -> None:
+def test_a_wrong_tuning_is_refused_with_the_reason(text: str, says: str, tmp_path: Path) -> None:
     mine = tmp_path / "mine.yaml"
     rest = {"scenarios": "[hover]", "objective": "{time_s: 1}"}
     mine.write_text("\n".join([text, *(f"{k}: {v}" for k, v in rest.items() if k not in text)]))

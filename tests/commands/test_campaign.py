@@ -187,7 +187,7 @@ def test_wrong_input_is_one_line_and_nothing_is_flown(
     assert says in line
 
 
-def test_it_flies_the_simulator() -> None:
+def test_the_command_flies_the_simulator_and_counts_landings() -> None:
     low = [word for setting in (*ABOVE, "sim.start.altitude_m=1.5") for word in ("--set", setting)]
     done = subprocess.run(
         [sys.executable, "-m", "landerd", "campaign", "hover", "--runs", "2", "--json", *low],

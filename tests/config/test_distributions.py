@@ -63,7 +63,7 @@ def test_a_choice_may_be_of_words_and_a_sign_goes_either_way() -> None:
     assert {loaded.world["sim.camera.clock_offset_s"] for loaded in sims} == {0.02, -0.02}
 
 
-def test_what_was_drawn_is_told_by_key_and_one_more_disturbs_no_other() -> None:
+def test_one_more_distribution_does_not_change_what_is_drawn_for_other_keys() -> None:
     one = world(DEFAULT, "sim.wind.speed_mps={uniform: [2, 8]}").world
     two = world(
         DEFAULT,
@@ -95,7 +95,9 @@ def test_a_file_laid_over_replaces_a_distribution_and_does_not_mix_with_it(tmp_p
         ("{gauss: [1, 2]}", "found a block of keys, expected a number"),
     ],
 )
-def test_what_cannot_be_drawn_is_said_with_its_place(tmp_path: Path, value: str, said: str) -> None:
+def test_a_distribution_that_cannot_be_drawn_from_is_a_fault_with_its_line(
+    tmp_path: Path, value: str, said: str
+) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(f"include: [{DEFAULT}]\nsim:\n  wind:\n    speed_mps: {value}\n")
     with pytest.raises(ConfigError) as error:
@@ -104,7 +106,7 @@ def test_what_cannot_be_drawn_is_said_with_its_place(tmp_path: Path, value: str,
     assert said in str(error.value)
 
 
-def test_only_the_simulated_world_may_be_drawn(tmp_path: Path) -> None:
+def test_only_keys_of_the_simulated_world_may_be_distributions(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(f"include: [{DEFAULT}]\nguidance: {{release_s: {{uniform: [0, 1]}}}}\n")
     with pytest.raises(ConfigError, match=r"guidance\.release_s: found a block of keys"):

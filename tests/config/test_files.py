@@ -56,7 +56,7 @@ def faults(path: Path, *overrides: str) -> list[str]:
     return caught.value.lines
 
 
-def test_every_fault_of_a_file_is_told_with_its_line_key_finding_and_expectation(
+def test_every_fault_is_reported_with_line_key_value_and_what_was_expected(
     folder: Path,
 ) -> None:
     path = write(
@@ -117,7 +117,7 @@ def test_the_positions_of_a_switch_must_lie_apart(folder: Path, land_us: int) ->
 
 
 @pytest.mark.parametrize("value", ["'5'", "five", "true", "[5]", "{a: 5}", ".inf", "1e999", ""])
-def test_what_is_not_a_number_is_never_made_one(folder: Path, value: str) -> None:
+def test_texts_and_truth_values_are_not_converted_to_numbers(folder: Path, value: str) -> None:
     path = write(folder / "a.yaml", f"aim: {{idle_yaw_deg: {value} }}")
     (line,) = faults(path)
     assert line.startswith("a.yaml:1: aim.idle_yaw_deg: found ")
@@ -146,7 +146,9 @@ def test_limits_of_a_gimbal_the_wrong_way_round_are_refused(folder: Path) -> Non
 @pytest.mark.parametrize(
     ("value", "number"), [("5", 5.0), ("-5.5", -5.5), ("1e1", 10.0), ("010", 10.0), (".5", 0.5)]
 )
-def test_numbers_are_read_as_they_look(folder: Path, value: str, number: float) -> None:
+def test_numbers_are_decimal_whatever_their_spelling(
+    folder: Path, value: str, number: float
+) -> None:
     path = write(folder / "a.yaml", f"aim: {{idle_yaw_deg: {value}}}")
     assert read(path).config.aim.idle_yaw_deg == number
 
@@ -163,11 +165,13 @@ def test_numbers_are_read_as_they_look(folder: Path, value: str, number: float) 
         ("aim: \x01", "a.yaml: not YAML: unprintable characters"),
     ],
 )
-def test_text_that_is_no_configuration(folder: Path, text: str, fault: str) -> None:
+def test_text_that_is_no_configuration_is_refused_with_its_line(
+    folder: Path, text: str, fault: str
+) -> None:
     assert faults(write(folder / "a.yaml", text))[0].startswith(fault)
 
 
-def test_files_that_cannot_be_read(folder: Path) -> None:
+def test_files_that_cannot_be_read_are_faults(folder: Path) -> None:
     (folder / "bytes.yaml").write_bytes(b"\xff\xfe\x00")
     assert faults(folder / "none.yaml") == ["none.yaml: cannot be read: No such file or directory"]
     assert faults(folder) == [".: cannot be read: Is a directory"]
@@ -214,7 +218,7 @@ def test_overlays_lie_over_the_file_and_under_the_overrides(folder: Path) -> Non
     assert loaded.options["sim"] == World(pad=Pad(speed_mps=3), vehicle="fast")
 
 
-def test_includes_that_cannot_be_used(folder: Path) -> None:
+def test_includes_that_cannot_be_used_are_faults_at_their_line(folder: Path) -> None:
     path = write(folder / "a.yaml", "aim: {}\ninclude: [none.yaml, a.yaml, 3]\n")
     assert faults(path) == [
         "a.yaml:2: include: found 3, expected a list of file names",
@@ -225,7 +229,7 @@ def test_includes_that_cannot_be_used(folder: Path) -> None:
     assert faults(path) == ["a.yaml:1: include: found 'b.yaml', expected a list of file names"]
 
 
-def test_paths_are_meant_from_the_file_they_are_written_in(folder: Path) -> None:
+def test_relative_paths_start_from_the_file_they_are_written_in(folder: Path) -> None:
     write(folder / "parts" / "camera.yaml", "camera: {calibration: mine.yaml}")
     path = write(
         folder / "a.yaml",

@@ -108,7 +108,7 @@ def test_what_is_saved_is_laid_over_the_configuration_next_time(tmp_path: Path) 
     assert list(tmp_path.iterdir()) == [overlay]
 
 
-def test_another_user_than_the_services_can_check_with_what_is_saved(tmp_path: Path) -> None:
+def test_saved_parameters_are_readable_for_other_users_than_the_services(tmp_path: Path) -> None:
     overlay = tmp_path / "saved.yaml"
     tuned = ParameterSet(Config(), overlay)
     tuned.change("PID_UP_KP", 1.25, disarmed=True)
@@ -120,7 +120,7 @@ def test_another_user_than_the_services_can_check_with_what_is_saved(tmp_path: P
     assert overlay.stat().st_mode & 0o777 == 0o644
 
 
-def test_what_stands_in_the_overlay_already_is_saved_as_it_is_read(tmp_path: Path) -> None:
+def test_saving_keeps_the_other_keys_of_the_overlay_file(tmp_path: Path) -> None:
     overlay = tmp_path / "saved.yaml"
     overlay.write_text("estimation: {bearing_noise_deg: 5e-2}\nautopilot: {system_id: 010}\n")
     tuned = ParameterSet(Config(), overlay)
@@ -143,7 +143,7 @@ def test_an_overlay_that_cannot_be_read_is_not_saved_over(text: str, tmp_path: P
     assert overlay.read_text() == text
 
 
-def test_saving_without_a_place_is_refused(tmp_path: Path) -> None:
+def test_saving_without_an_overlay_file_is_refused(tmp_path: Path) -> None:
     for overlay in (None, tmp_path / "no-such-folder" / "saved.yaml"):
         with pytest.raises(ParameterRefused, match="save"):
             ParameterSet(Config(), overlay).save()
@@ -183,7 +183,7 @@ def test_a_change_is_in_the_log_and_replays_identically(tmp_path: Path) -> None:
     assert replay(log, Config()).comparison.identical
 
 
-def test_another_gate_channel_must_be_seen_low_first() -> None:
+def test_after_a_change_of_the_gate_channel_the_new_one_must_be_seen_low_first() -> None:
     flight = Flight().engaged()
     assert any(s.velocity != (0.0, 0.0, 0.0) for s in flight.run(1.0))
     change(flight, "rc.gate_channel", 9)

@@ -42,7 +42,7 @@ def test_numbers_that_json_lacks_are_still_json() -> None:
         (b'{"t":true}', "Tick.t: found True"),
     ],
 )
-def test_what_is_wrong_is_named(text: bytes, names: str) -> None:
+def test_a_damaged_message_is_refused_with_the_wrong_field(text: bytes, names: str) -> None:
     with pytest.raises(codec.CodecError) as e:
         codec.decode(Tick, text)
     assert names in str(e.value)

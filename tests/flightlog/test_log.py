@@ -46,7 +46,7 @@ def read(tmp_path: Path, data: bytes) -> FlightLog:
     return read_log(path)
 
 
-def test_all_that_went_in_and_out_is_read_again(flown: RecordedFlight) -> None:
+def test_all_messages_and_commands_are_read_as_they_were_written(flown: RecordedFlight) -> None:
     log = read_log(flown.recorder._target)
     assert [step.message for step in log.steps] == flown.inputs
     assert [c for step in log.steps for c in step.commands] == flown.commands
@@ -56,7 +56,7 @@ def test_all_that_went_in_and_out_is_read_again(flown: RecordedFlight) -> None:
     assert log.dropped is None
 
 
-def test_it_replays_identically(flown: RecordedFlight) -> None:
+def test_a_recorded_flight_replays_identically(flown: RecordedFlight) -> None:
     replayed = replay(read_log(flown.recorder._target), Config())
     assert replayed.comparison.identical
     assert replayed.comparison.compared == len(flown.commands)
@@ -72,7 +72,7 @@ def test_a_changed_command_is_found_and_named(flown: RecordedFlight) -> None:
     assert (first.step, first.field, first.logged) == (step.number, "Setpoint.velocity[0]", 0.5)
 
 
-def test_what_if_replays_with_another_parameter(flown: RecordedFlight) -> None:
+def test_a_replay_with_another_parameter_differs_from_the_log(flown: RecordedFlight) -> None:
     log = read_log(flown.recorder._target)
     slow = Config.model_validate({"guidance": {"limits": {"speed_mps": 0.5}}})
     comparison = replay(log, slow).comparison
@@ -82,7 +82,7 @@ def test_what_if_replays_with_another_parameter(flown: RecordedFlight) -> None:
 
 
 @pytest.mark.long
-def test_cut_anywhere_it_opens_and_loses_at_most_a_second(
+def test_a_log_cut_anywhere_opens_and_loses_at_most_a_second(
     flown: RecordedFlight, data: bytes, tmp_path: Path
 ) -> None:
     synced = flown.synced  # type: ignore[attr-defined]
@@ -116,7 +116,7 @@ def test_a_log_without_messages_names_what_is_missing(data: bytes, tmp_path: Pat
         read(tmp_path, b"\x89PNG\r\n\x1a\n" + bytes(100))
 
 
-def test_damage_costs_one_part_and_is_told(data: bytes, tmp_path: Path) -> None:
+def test_damage_loses_one_part_of_the_log_and_is_reported(data: bytes, tmp_path: Path) -> None:
     whole = read(tmp_path, data)
     rng = random.Random(7)
     for _ in range(20):

@@ -172,7 +172,7 @@ def test_with_little_room_left_images_go_first_then_detail(
     assert [step.message for step in log.steps] == flight.inputs
 
 
-def test_a_folder_that_cannot_be_made_only_costs_the_log(
+def test_a_flight_goes_on_unrecorded_if_the_folder_cannot_be_made(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "file").touch()
@@ -196,7 +196,7 @@ def test_a_message_that_cannot_be_written_costs_only_itself(tmp_path: Path) -> N
     assert log.replayable < len(log.steps) == len(flight.inputs)
 
 
-def test_what_one_flight_lost_is_not_said_of_the_next(tmp_path: Path) -> None:
+def test_losses_of_one_flight_are_not_counted_in_the_next(tmp_path: Path) -> None:
     flight = RecordedFlight(recorder(tmp_path / "a.mcap"))
     flight.run(0.2)
     for seconds in (0.2, 0.4):  # an error in this flight, another in the next one
@@ -224,7 +224,7 @@ def test_the_oldest_logs_make_room_but_nothing_else_is_touched(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("stays", ["deleted", "undeletable"])
-def test_an_old_log_that_is_gone_or_stays_costs_no_pictures(
+def test_an_old_log_that_is_gone_or_cannot_be_deleted_does_not_stop_the_recording_of_pictures(
     stays: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A log that somebody deleted meanwhile was told as a disk that is nearly full."""
@@ -277,7 +277,9 @@ def test_a_long_flight_goes_on_in_further_files_and_replays_as_one(tmp_path: Pat
     assert read_log(further[-1]).replayable == 0
 
 
-def test_a_vehicle_that_stands_for_days_leaves_the_flights_before_it(tmp_path: Path) -> None:
+def test_logs_of_a_vehicle_that_stands_for_days_do_not_displace_earlier_flights(
+    tmp_path: Path,
+) -> None:
     before = tmp_path / "00001-20260101-000000.mcap"
     before.write_bytes(bytes(100_000))
     update = {**SPLIT, "most_mb": 0.5, "disarmed_images": True}
@@ -312,7 +314,7 @@ def test_no_pictures_are_recorded_while_disarmed_unless_asked(
     assert len(log.searched) > 10
 
 
-def test_what_is_not_synced_is_not_on_the_disk(tmp_path: Path) -> None:
+def test_a_power_cut_loses_only_what_was_written_after_the_last_sync(tmp_path: Path) -> None:
     file = SyncedFile(tmp_path / "a")
     file.write(b"one")
     assert file.sync()

@@ -45,7 +45,7 @@ def test_a_second_run_has_nothing_to_do(
 
 
 @pytest.mark.parametrize("board", BOARDS)
-def test_the_example_can_be_read_where_it_is_put(tmp_path: Path, board: str) -> None:
+def test_the_installed_example_configuration_can_be_read(tmp_path: Path, board: str) -> None:
     install(tmp_path, board)
     loaded = read_configuration(tmp_path / "etc/landerd/landerd.yaml")
     example = read_configuration(config_dir() / f"vehicles/{board}.yaml")
@@ -81,7 +81,7 @@ def test_the_configuration_that_is_there_stays_and_an_old_unit_does_not(tmp_path
     assert unit.read_text() == now
 
 
-def test_another_board_takes_its_predecessors_settings_away(tmp_path: Path) -> None:
+def test_installing_for_another_board_removes_the_settings_of_the_first(tmp_path: Path) -> None:
     dropins = tmp_path / "etc/systemd/system/landerd.service.d"
     install(tmp_path, "navio2")
     assert [path.name for path in dropins.iterdir()] == ["navio2.conf"]
@@ -106,7 +106,7 @@ def test_uninstalled_it_leaves_logs_configuration_and_what_is_not_ours(
     assert capsys.readouterr().out == "nothing left to do\n"
 
 
-def test_an_image_that_is_not_there_is_not_begun(
+def test_a_root_folder_that_does_not_exist_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit, match="2"):
@@ -130,7 +130,9 @@ def test_an_empty_root_is_refused_instead_of_taken_for_the_working_directory(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_without_root_it_says_so_and_does_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_root_rights_it_is_refused_and_does_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     done: list[int] = []
     monkeypatch.setattr("os.geteuid", lambda: 1000)
     args = argparse.Namespace(dry_run=False, root=Path("/"))
@@ -139,7 +141,7 @@ def test_without_root_it_says_so_and_does_nothing(monkeypatch: pytest.MonkeyPatc
     assert done == []
 
 
-def test_a_command_that_fails_is_told_in_one_line() -> None:
+def test_a_command_that_fails_is_reported_in_one_line() -> None:
     with pytest.raises(InstallError, match=r"^sh -c echo no; exit 3: no$"):
         call("sh", "-c", "echo no; exit 3")
     with pytest.raises(InstallError, match="no-such-program is not there"):
@@ -180,7 +182,7 @@ def test_out_of_a_wheel_file_nothing_but_python_is_needed(tmp_path: Path) -> Non
     assert "would write /etc/systemd/system/landerd.service" in done.stdout
 
 
-def test_a_changed_file_of_a_checkout_is_another_program(tmp_path: Path) -> None:
+def test_a_checkout_with_a_changed_file_is_installed_anew(tmp_path: Path) -> None:
     (tmp_path / "landerd").mkdir()
     (tmp_path / "pyproject.toml").write_text("")
     sums = []
@@ -210,7 +212,7 @@ def test_beside_picamera2_a_simplejpeg_for_numpy_2_is_installed_once(
 # ---- keys --------------------------------------------------------------------------------------
 
 
-def test_an_upgrade_tells_of_keys_that_came_went_or_changed(tmp_path: Path) -> None:
+def test_an_upgrade_reports_keys_that_are_new_gone_or_have_another_default(tmp_path: Path) -> None:
     mine = tmp_path / "landerd.yaml"
     mine.write_text("include: [default.yaml]\nvision: {max_sigma_m: 0.7}\n")
     now = keys.own_defaults()
@@ -243,5 +245,5 @@ def test_keys_of_the_running_system_are_left_alone_by_an_installation_into_an_im
     assert "cannot read your configuration" not in capsys.readouterr().out
 
 
-def test_where_landerd_lies_is_no_change_of_a_key() -> None:
+def test_the_folder_of_landerd_is_not_part_of_the_keys_defaults() -> None:
     assert not any(str(config_dir()) in str(value) for value in keys.own_defaults().values())
