@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64
 from landerd.vision.arrays import F32
 
-# Change of the blur's covariance, over its largest element, below which the last blurred print is
-# used again.
+# Change of the blur's covariance on the print, over its largest element, and of its variance in the
+# image, over itself, below which the last blurred print is used again.
 _MAX_BLUR_CHANGE = 0.1
 _MAX_SAMPLE = 1e5  # largest coordinate, samples: a float32 still resolves a hundredth there
 
@@ -41,7 +41,8 @@ class BlurredPrint:
         """
         n = fine.shape[0]
         self.per_m = per_m
-        self._made: tuple[F64, F32] | None = None  # the last covariance and its layers
+        # Covariance and variance of the last blur, and its layers.
+        self._made: tuple[F64, float, F32] | None = None
         self._centre = 0.5 * n - 0.5
         self._spectrum = np.fft.rfft2(fine)
         self._ku = 2.0 * math.pi * np.fft.rfftfreq(n)[None, :]
@@ -57,11 +58,13 @@ class BlurredPrint:
             blur: variance of the same blur in the image, pixels^2.
         """
         if self._made is not None:
-            made, layers = self._made
-            if np.abs(spread - made).max() < _MAX_BLUR_CHANGE * made.max():
+            made, made_blur, layers = self._made
+            is_near = abs(blur - made_blur) < _MAX_BLUR_CHANGE * made_blur
+            if is_near and np.abs(spread - made).max() < _MAX_BLUR_CHANGE * made.max():
                 return layers
-        self._made = (spread, self._blurred(spread, blur))
-        return self._made[1]
+        layers = self._blurred(spread, blur)
+        self._made = (spread, blur, layers)
+        return layers
 
     def _blurred(self, spread: F64, blur: float) -> F32:
         square = (
