@@ -35,7 +35,7 @@ def outcome(log: Path) -> tuple[str, str, list[str]]:
             timeout=LONGEST_S,
         )
     except subprocess.TimeoutExpired:
-        return "not done in time", f"{LONGEST_S:.0f} s", []
+        return "NOT DONE IN TIME", f"{LONGEST_S:.0f} s", []
     said = done.stderr.strip().splitlines()
     if "Traceback" in done.stderr:
         return "TRACEBACK", said[-1], []

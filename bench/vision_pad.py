@@ -1,7 +1,7 @@
 """Errors of the landing point of pads that differ from their file, in rendered pictures.
 
     python -m bench.vision_pad --images 20            # single pictures, nothing known beforehand
-    python -m bench.vision_pad --images 20 --approach # after six pictures on the way from 4 m
+    python -m bench.vision_pad --images 20 --approach # after six pictures on the way there
 
 `aside` is the part of the error across the line of sight, `along` that along it; `inside` is the
 share of errors within the stated 95 % region in three dimensions; `told` is the share of pictures
@@ -104,7 +104,8 @@ def measure(kind: Kind, distance: float, images: int, *, approach: bool, verbose
         kind: of pad and lens.
         distance: of the pad, m.
         images: number of pictures.
-        approach: whether each picture is the last of seven on the way from 4 m.
+        approach: whether each picture is the last of seven on the way from 4 m, or from half as far
+            again if that is more.
         verbose: whether to print what landerd says of disagreements.
     """
     camera = replace(CAMERA, fx=kind.focal * CAMERA.fx, fy=kind.focal * CAMERA.fy)
@@ -117,7 +118,7 @@ def measure(kind: Kind, distance: float, images: int, *, approach: bool, verbose
         tilt = math.radians(rng.uniform(0.0, MOST_DEG))
         view = view_at(distance, tilt, rng)
         t = np.array(view.position)
-        further = [t * k for k in np.geomspace(max(4.0 / distance, 1.0), 1.0, 7)]
+        further = [t * k for k in np.geomspace(max(4.0, 1.5 * distance) / distance, 1.0, 7)]
         for i, at in enumerate(further if approach else [t]):
             R = view.R_camera_pad
             position = -R.T @ at
