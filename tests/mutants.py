@@ -573,9 +573,16 @@ MUTANTS = [
     Mutant(
         "4: stays without thrust while it sinks",
         TOUCHDOWN,
-        "self._level = is_due and not self._sinks(now)",
-        "self._level = is_due",
+        "self._level = begins or (self._level and not (sinks and self._is_lower(motion)))",
+        "self._level = begins or self._level",
         "guidance/test_touchdown.py::test_thrust_comes_back_as_soon_as_it_sinks_without",
+    ),
+    Mutant(
+        "4: thrust comes back in a rebound from the plate",
+        TOUCHDOWN,
+        "not (sinks and self._is_lower(motion))",
+        "not sinks",
+        "guidance/test_touchdown.py::test_a_rebound_from_the_plate_does_not_bring_the_thrust_back",
     ),
     Mutant(
         "4: levelled while it sinks as it would in the air",

@@ -74,6 +74,11 @@ PAD_SPEED_ERROR_SHARE = 0.05  # share of a fast pad's speed that may be an error
 MAX_ROLL_PITCH_RATE = 0.3  # rad/s: in a faster turn one foot may be down, but not all
 # Sinking since it lies flat, m: on an air cushion a vehicle sinks slower than 0.1 m/s, but sinks.
 SETTLES_M = 0.01
+# A levelled vehicle that sinks gets its thrust back once its feet are lower than where something
+# held it up by this, m. One that leaned against 8 m/s rebounded by 1 cm as it fell onto all feet:
+# levelled there, and given thrust again as it came down, it leaned into the wind with its feet on
+# the plate, and tipped over.
+REBOUND_M = 0.015
 
 # What counts as pressed down: sinking slower than it would in the air, by this share of the gentle
 # descent. A vehicle that answers late hovers for a second over a deck that begins to sink: neither
@@ -171,6 +176,8 @@ class Touchdown:
         self._flat_since = math.inf  # since when it has not turned or settled either, s
         self._flat_at = (0.0, 0.0)  # local z of feet and pad at that time, m
         self._still_since = math.inf  # since when it has not slid either, s
+        # Lowest place of the feet, over the pad's local z, where something held it up, m.
+        self._held_down = -math.inf
         self._contact_t: float | None = None
         # Time, s, and sink rate that the vehicle would have in the air at that time, m/s.
         self._in_air: tuple[float, float] | None = None
@@ -279,6 +286,7 @@ class Touchdown:
         """Note contact at t (s) anew: the vehicle is pressed down before it is levelled again."""
         self._contact_t = t
         self._lies_since = self._flat_since = self._still_since = math.inf
+        self._held_down = -math.inf
         self._level = self.stands = False
         self._level_down = None
 
@@ -364,8 +372,8 @@ class Touchdown:
         ArduCopter's land detector does not accept a landing while more than 15 degrees of tilt are
         asked for, as they are to keep a velocity in wind. Levelled on one edge and with thrust left
         the vehicle would be blown away: it is first to stand still, or to slide lying flat. Once
-        level it stays so, except while it sinks: then it is in the air, whatever was taken for
-        contact, and needs its thrust.
+        level it stays so, unless it sinks lower than where something held it up: then it is in the
+        air, whatever was taken for contact, and needs its thrust.
 
         Args:
             now: s; called at every control step from contact on.
@@ -393,8 +401,9 @@ class Touchdown:
             or self._pressed_s(now) > LEVEL_AT_LATEST_S
         )
         may_begin = released or (is_pressed and landed is not Landed.ON_GROUND)
-        is_due = self._level or (is_time and may_begin)
-        self._level = is_due and not self._sinks(now)
+        sinks = self._sinks(now)
+        begins = is_time and may_begin and not sinks
+        self._level = begins or (self._level and not (sinks and self._is_lower(motion)))
         if not self._level:
             self._level_down = None
         self.stands = stands or self._level or confirmed
@@ -415,11 +424,18 @@ class Touchdown:
         """Note whether it sinks faster than the deck may be sinking, if that sinks at all."""
         by_deck = clamp(motion.heave + 2.0 * motion.sigma_heave, 0.0, FASTEST_HEAVE_MPS)
         sinks_mps = motion.sink_rate - by_deck
-        self._note_slow(now, is_slow=sinks_mps < CONTACT_SINK_SHARE * self._descent_mps)
+        is_slow = sinks_mps < CONTACT_SINK_SHARE * self._descent_mps
+        self._note_slow(now, is_slow=is_slow)
+        if is_slow:
+            self._held_down = max(self._held_down, motion.feet_down - motion.pad_down)
 
     def _sinks(self, now: float) -> bool:
         """Tell whether it has sunk faster than its deck within CONTACT_S."""
         return now - self._slow_since < CONTACT_S
+
+    def _is_lower(self, motion: ContactMotion) -> bool:
+        """Tell whether the feet are lower than where something held the vehicle up."""
+        return motion.feet_down - motion.pad_down > self._held_down + REBOUND_M
 
     def _pressed_s(self, now: float) -> float:
         """Return how long it has been held up, without a break, s; -inf before contact."""

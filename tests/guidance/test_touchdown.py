@@ -382,7 +382,20 @@ def test_what_sinks_or_may_sink_is_never_left_without_thrust(sink_rate: float) -
 def test_thrust_comes_back_as_soon_as_it_sinks_without() -> None:
     standing = Standing()
     assert standing.level(3.5)[-1]
-    assert not any(standing.level(0.2, sink_rate=0.2))
+    assert not any(standing.level(0.5, sinks=0.2, sink_rate=0.2)[4:])
+
+
+def test_a_rebound_from_the_plate_does_not_bring_the_thrust_back() -> None:
+    """It did, as all feet came down again; the vehicle leaned into the wind and tipped over."""
+    standing = Standing()
+    standing.touchdown.descent(math.radians(28.0))
+    dragged = {"slip": 0.5, "lean": math.radians(4.0), "roll_pitch_rate": 2.0}
+    assert standing.level(0.4, **dragged)[-1]
+    assert all(standing.level(0.05, sinks=-0.3, sink_rate=-0.3, **dragged))
+    assert all(standing.level(0.05, sinks=0.3, sink_rate=0.3, **dragged))
+    assert all(standing.level(1.0, **dragged))
+    # What sinks lower than where it lay never touched.
+    assert not any(standing.level(0.3, sinks=0.3, sink_rate=0.3, **dragged)[4:])
 
 
 def test_the_more_it_leans_the_quicker_all_feet_are_to_be_down() -> None:
