@@ -66,7 +66,7 @@ MUTANTS = [
         CONTEXT,
         "waits = self.hold_asked if rests else self.rest.is_possible",
         "waits = not rests and self.rest.is_possible",
-        "guidance/test_hold.py::test_what_stands_on_the_pad_does_not_take_off_to_hold",
+        "guidance/test_hold.py::test_a_vehicle_on_the_pad_does_not_take_off_to_hold",
     ),
     Mutant(
         "1b: is stopped for want of time just over a fast pad",
@@ -397,7 +397,7 @@ MUTANTS = [
         "landerd/guidance/lost.py",
         "return (0.0, 0.0, -o.climb_mps), pilot_texts.CLIMBING",
         "return (0.0, 0.0, o.climb_mps), pilot_texts.CLIMBING",
-        "guidance/test_lost.py::test_then_it_climbs_straight_up_by_as_much_as_configured",
+        "guidance/test_lost.py::test_after_holding_it_climbs_straight_up_by_the_configured_height",
     ),
     Mutant(
         "2: sinks on while asked to hold",
@@ -411,7 +411,7 @@ MUTANTS = [
         PHASES,
         "descends = self._aligned and may_land",
         "descends = self._aligned",
-        "guidance/test_hold.py::test_it_holds_over_the_marker_says_so_once_and_lands_at_the_go",
+        "guidance/test_hold.py::test_it_holds_over_the_pad_says_so_once_and_lands_when_the_switch_goes_up",
     ),
     Mutant(
         "2: touches down although asked to hold since commit",
@@ -447,7 +447,7 @@ MUTANTS = [
         ON_PAD,
         "if now - self._clear_since >= MISSES_S:",
         "if False:",
-        "guidance/test_landing.py::test_what_a_gust_held_up_over_the_pad_and_lifts_was_not_on_it",
+        "guidance/test_landing.py::test_a_vehicle_that_a_gust_held_up_and_lifts_was_not_on_the_pad",
     ),
     Mutant(
         "2: a pad that left the picture after commit",
@@ -483,8 +483,7 @@ MUTANTS = [
         CONTEXT,
         "lean = angle_between(vehicle.down, pad.normal)",
         "lean = vehicle.tilt",
-        "guidance/test_landing.py"
-        "::test_how_far_it_leans_is_against_the_plate_that_it_is_to_stand_on",
+        "guidance/test_landing.py::test_the_lean_that_forbids_a_landing_is_relative_to_the_plate",
     ),
     Mutant(
         "3: flies away from the pad, north",
@@ -519,7 +518,7 @@ MUTANTS = [
         TRACKING,
         "self._yaw_kp = min(options.tracking.yaw_kp, MAX_YAW_KP_LAG / YAW_LAG_S)",
         "self._yaw_kp = options.tracking.yaw_kp",
-        "guidance/test_tracking_method.py::test_a_large_gain_of_the_heading_does_not_swing_about_it",
+        "guidance/test_tracking_method.py::test_a_large_heading_gain_does_not_make_the_heading_swing",
     ),
     Mutant(
         "3: flies a vehicle whose attitude follows late with any gain",
@@ -568,7 +567,7 @@ MUTANTS = [
         TOUCHDOWN,
         "is_slow = now - self._slow_since >= CONTACT_S and clearance <= highest_m",
         "is_slow = now - self._slow_since >= CONTACT_S",
-        "guidance/test_touchdown.py::test_no_contact_is_believed_higher_up_than_a_leg",
+        "guidance/test_touchdown.py::test_contact_is_not_believed_more_than_a_legs_length_above_the_pad",
     ),
     Mutant(
         "4: stays without thrust while it sinks",
@@ -590,14 +589,14 @@ MUTANTS = [
         "return told_up or held_up_mps > PRESSED_DOWN_SHARE * self._descent_mps",
         "return True",
         "guidance/test_touchdown.py"
-        "::test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air",
+        "::test_a_slow_vehicle_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air",
     ),
     Mutant(
         "4: contact is believed where the pad is seen lower",
         COMMITTED,
         "highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M",
         "highest_m = MAX_CONTACT_HEIGHT_M",
-        "guidance/test_landing.py::test_what_hovers_over_the_pad_that_it_sees_has_not_touched",
+        "guidance/test_landing.py::test_a_vehicle_that_hovers_over_a_pad_in_sight_has_not_touched",
     ),
     Mutant(
         "4: told to climb, what the pad holds is taken to fly",
@@ -605,7 +604,7 @@ MUTANTS = [
         "told_up = ordered <= 0.0",
         "told_up = False",
         "guidance/test_landing.py"
-        "::test_what_its_thrust_has_not_lifted_stays_there_when_the_autopilot_begins_anew",
+        "::test_a_vehicle_on_the_pad_stays_there_when_the_autopilot_restarts",
     ),
     Mutant(
         "4: levelled just as it may lift after a wave-off",
@@ -664,14 +663,14 @@ MUTANTS = [
         LANDING,
         "return below > FALLEN_M",
         "return False",
-        "guidance/test_landing.py::test_what_ends_under_the_pad_has_not_landed_on_it",
+        "guidance/test_landing.py::test_a_vehicle_that_ends_below_the_plate_has_not_landed_on_the_pad",
     ),
     Mutant(
         "6: the time of a landing runs while others fly",
         "landerd/guidance/state_silent.py",
         "self._context.attempts.end()",
         "pass",
-        "guidance/test_landing.py::test_what_others_fly_meanwhile_takes_no_time_of_the_landing",
+        "guidance/test_landing.py::test_time_released_does_not_count_in_the_time_of_the_landing",
     ),
     Mutant(
         "7: whoever connects cuts the autopilot's link",
@@ -701,14 +700,14 @@ MUTANTS = [
         "k = clamp((self._waited_s - WIDENS_AFTER_S) / WIDENS_S, 0.0, 1.0)",
         "k = max(0.0, (self._waited_s - WIDENS_AFTER_S) / WIDENS_S)",
         "guidance/test_phases.py"
-        "::test_what_gusts_keep_from_sinking_may_sink_farther_off_in_the_end_but_not_ever_farther",
+        "::test_the_descent_region_grows_to_its_limit_while_gusts_keep_it_from_sinking",
     ),
     Mutant(
         "4: disarms on ON_GROUND sooner than the autopilot can know",
         TOUCHDOWN,
         "CONFIRMED_S = 0.5",
         "CONFIRMED_S = 0.0",
-        "guidance/test_touchdown.py::test_who_says_on_ground_before_the_autopilot_can_know_disarms_nothing",
+        "guidance/test_touchdown.py::test_on_ground_reported_sooner_than_the_autopilot_can_know_does_not_disarm",
     ),
     Mutant(
         "4: ON_GROUND is contact while it sinks as ordered",
@@ -722,7 +721,7 @@ MUTANTS = [
         TOUCHDOWN,
         "SETTLES_M = 0.01",
         "SETTLES_M = 9.0",
-        "guidance/test_touchdown.py::test_what_creeps_down_on_an_air_cushion_is_not_levelled",
+        "guidance/test_touchdown.py::test_a_vehicle_that_sinks_slowly_on_an_air_cushion_is_not_levelled",
     ),
     Mutant(
         "5: flies on a frozen position",
@@ -736,7 +735,7 @@ MUTANTS = [
         LANDING,
         "(self._gate.disarmed and on_ground)",
         "self._gate.disarmed",
-        "guidance/test_landing.py::test_a_word_of_being_disarmed_is_no_landing_without_on_ground",
+        "guidance/test_landing.py::test_disarmed_on_the_pad_without_on_ground_is_not_called_landed",
     ),
     Mutant(
         "4: climbs from the pad on which it stands",
@@ -837,7 +836,7 @@ MUTANTS = [
         TOUCHDOWN,
         "if released and (self.stands or self.has_settled(now)):",
         "if released and self.has_settled(now):",
-        "guidance/test_landing.py::test_what_stood_is_left_standing_when_released_without_data",
+        "guidance/test_landing.py::test_a_vehicle_that_stood_is_left_standing_when_released_without_data",
     ),
     Mutant(
         "4: drives on as the pad did that has stopped, when data are stale",
@@ -868,7 +867,7 @@ MUTANTS = [
         "LEAVES_S = 0.2",
         "LEAVES_S = 0.0",
         "guidance/test_phases.py"
-        "::test_what_is_carried_out_of_the_region_stops_sinking_before_it_is_out",
+        "::test_a_vehicle_carried_out_of_the_region_stops_sinking_before_it_is_out",
     ),
     Mutant(
         "5: an attitude between two reports goes by a straight line",
@@ -906,7 +905,7 @@ MUTANTS = [
         "if self._news is not None and self.say(*self._news):",
         "if self._news is not None and (self.say(*self._news) or True):",
         "guidance/test_orders.py"
-        "::test_what_happens_again_too_soon_to_be_told_again_is_told_when_it_lasts",
+        "::test_a_loss_that_repeats_within_a_second_is_told_again_when_it_lasts",
     ),
     Mutant(
         "1b: levelled where it slides across the pad when released",
@@ -954,7 +953,7 @@ MUTANTS = [
         "if context.may_begin(step.now, stops=True):",
         "if context.may_begin(step.now):",
         "guidance/test_health.py"
-        "::test_what_sinks_by_a_wrong_climb_rate_is_held_over_the_pad_by_sight",
+        "::test_a_vehicle_that_sinks_by_a_wrong_climb_rate_is_held_at_its_height_by_sight",
     ),
     Mutant(
         "3: swings past the speed limit where the jerk reaches the acceleration in a step",
@@ -978,7 +977,7 @@ MUTANTS = [
         "fresh_vehicle(self._now)\n        below",
         "vehicle(self._now)\n        below",
         "guidance/test_landing.py"
-        "::test_what_stood_on_the_plate_as_its_position_went_stale_has_landed_there",
+        "::test_a_vehicle_on_the_plate_whose_position_goes_stale_has_landed_there",
     ),
     Mutant(
         "6: says of feet on the plate that they are beside it",
@@ -994,7 +993,7 @@ MUTANTS = [
         "return self.leaned and lies and DRAGGED_MPS < across < MOST_DRAGGED_MPS",
         "return False",
         "guidance/test_touchdown.py"
-        "::test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled",
+        "::test_a_vehicle_that_leaned_and_then_slides_lying_flat_is_levelled",
     ),
     Mutant(
         "4: levels only what rocks no longer as it is dragged",
@@ -1002,7 +1001,7 @@ MUTANTS = [
         "lies = now - self._lies_since >= DRAGGED_FLAT_S",
         "lies = now - self._flat_since >= DRAGGED_FLAT_S",
         "guidance/test_touchdown.py"
-        "::test_what_is_dragged_off_as_it_rocks_is_levelled_once_it_lies_on_the_plate",
+        "::test_a_rocking_vehicle_that_is_dragged_off_is_levelled_once_it_lies_on_the_plate",
     ),
     Mutant(
         "4: levels on an edge what is dragged",
@@ -1010,7 +1009,7 @@ MUTANTS = [
         "lies = motion.lean < LIES_FLAT and is_pressed",
         "lies = is_pressed",
         "guidance/test_touchdown.py"
-        "::test_what_is_dragged_off_as_it_rocks_is_levelled_once_it_lies_on_the_plate",
+        "::test_a_rocking_vehicle_that_is_dragged_off_is_levelled_once_it_lies_on_the_plate",
     ),
     Mutant(
         "4: levels what slides too fast to stand",
@@ -1018,23 +1017,21 @@ MUTANTS = [
         "return self.leaned and lies and DRAGGED_MPS < across < MOST_DRAGGED_MPS",
         "return self.leaned and lies and DRAGGED_MPS < across",
         "guidance/test_touchdown.py"
-        "::test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled",
+        "::test_a_vehicle_that_leaned_and_then_slides_lying_flat_is_levelled",
     ),
     Mutant(
         "4: told to climb where the feet come down first",
         FLYING,
         "arrives = self._arrives(step.now, sight)",
         "arrives = False",
-        "guidance/test_landing.py"
-        "::test_what_stands_on_the_plate_before_a_climb_answers_is_not_told_to_climb",
+        "guidance/test_landing.py::test_a_deck_that_comes_up_before_a_climb_begins_is_landed_on",
     ),
     Mutant(
         "4: put down beside the plate where the feet come down first",
         FLYING,
         "return not context.footprint.will_miss(relative, sight.heading, sinking, tolerance)",
         "return True",
-        "guidance/test_landing.py"
-        "::test_what_stands_on_the_plate_before_a_climb_answers_is_not_told_to_climb",
+        "guidance/test_landing.py::test_a_deck_that_comes_up_before_a_climb_begins_is_landed_on",
     ),
     Mutant(
         "2: counts on more than the autopilot brakes a descent with",
@@ -1072,8 +1069,7 @@ MUTANTS = [
         CONTEXT,
         "waits = self.hold_asked if rests else self.rest.is_possible",
         "waits = self.hold_asked and rests",
-        "guidance/test_landing.py::"
-        "test_over_a_pad_that_it_may_stand_on_no_landing_begins_before_that_is_known",
+        "guidance/test_landing.py::test_no_landing_begins_while_it_may_already_stand_on_the_pad",
     ),
     Mutant(
         "4: climbs from a pad on which it only seems not to stand",
@@ -1254,7 +1250,7 @@ MUTANTS = [
         "landerd/guidance/landing.py",
         "return Event.TURNS_OVER",
         "pass",
-        "guidance/test_landing.py::test_what_turns_over_on_the_ground_is_given_no_thrust",
+        "guidance/test_landing.py::test_a_vehicle_that_turns_over_on_the_ground_is_given_no_thrust",
     ),
     Mutant(
         "5: a climb rate that the height contradicts is flown down on",
@@ -1270,14 +1266,14 @@ MUTANTS = [
         "hold_m = max(self._held_m, o.descent.retry_height_m)",
         "pass",
         "guidance/test_health.py"
-        "::test_what_sinks_by_a_wrong_climb_rate_is_held_over_the_pad_by_sight",
+        "::test_a_vehicle_that_sinks_by_a_wrong_climb_rate_is_held_at_its_height_by_sight",
     ),
     Mutant(
         "5: told to climb as it stands on the pad with a wrong climb rate",
         "landerd/guidance/rest_detector.py",
         "up = abs(changes if sight.climb_rate_is_wrong else relative.error_rate[2])",
         "up = abs(relative.error_rate[2])",
-        "guidance/test_health.py::test_what_stands_on_the_pad_with_a_wrong_climb_rate_stays_there",
+        "guidance/test_health.py::test_a_vehicle_on_the_pad_with_a_wrong_climb_rate_stays_there",
     ),
 ]
 

@@ -62,7 +62,7 @@ def change(made: Aim, *markers: MarkerSighting) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("x", "y"), [(1.0, 0.0), (-1.0, 0.5), (0.3, -0.8)])
-def test_level_it_is_equation_2_1(x: float, y: float) -> None:
+def test_with_a_level_vehicle_the_increment_is_equation_2_1(x: float, y: float) -> None:
     # Right in the picture is yaw to the right; down in the picture is less pitch.
     yaw, pitch = change(aim(pitch_deg=-5.0), marker((x, y, 8.0)))
     assert yaw == pytest.approx(0.5 * x / 8.0, rel=0.02)
@@ -95,7 +95,7 @@ def test_an_old_picture_is_added_to_the_angles_of_its_own_time() -> None:
         ((0.0, 5.0, 1.0), 0.0, -180.0),
     ],
 )
-def test_the_limits_hold_for_every_marker(
+def test_the_gimbals_limits_hold_whatever_marker_is_aimed_at(
     kind: str, position: Vec3, yaw_deg: float, pitch_deg: float
 ) -> None:
     made = aim(pitch_deg=-30.0)
@@ -260,7 +260,7 @@ def test_it_waits_at_idle_and_then_sweeps_over_what_lies_below_and_behind_and_ba
 
 @pytest.mark.parametrize("idle_pitch_deg", [-90.0, -23.0, 0.0])
 @pytest.mark.parametrize(("course_deg", "yaw_deg"), [(-30.0, 0.0), (30.0, 0.0), (80.0, 80.0)])
-def test_what_is_flown_over_is_in_every_picture_from_19_to_81_degrees_down(
+def test_searching_in_flight_the_camera_looks_50_degrees_down_along_the_course(
     idle_pitch_deg: float, course_deg: float, yaw_deg: float
 ) -> None:
     made = Aim(AimSection(idle_pitch_deg=idle_pitch_deg), GimbalSection())
@@ -284,7 +284,7 @@ def test_a_vehicle_that_leans_looks_as_far_down_from_the_horizon(course_deg: flo
     assert down == pytest.approx(50.0, abs=3.0)
 
 
-def test_who_flies_where_the_gimbal_cannot_look_is_searched_for_as_who_hovers() -> None:
+def test_flying_where_the_gimbal_cannot_look_it_searches_as_when_hovering() -> None:
     backwards = search(Aim(AimSection(search_after_s=0.5), GimbalSection()), 20.0, course=math.pi)
     hovering = search(Aim(AimSection(search_after_s=0.5), GimbalSection()), 20.0)
     assert backwards == hovering

@@ -2,7 +2,7 @@ from landerd.config.models import LostSection
 from landerd.guidance.attempts import Attempts
 
 
-def test_descents_broken_off_count_until_they_are_forgiven_and_other_aborts_do_not() -> None:
+def test_only_descents_broken_off_count_until_they_are_reset() -> None:
     attempts = Attempts(LostSection(retries=1))
     for is_descent in (True, False, False):
         attempts.break_off(is_descent=is_descent)

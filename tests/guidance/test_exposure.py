@@ -124,7 +124,7 @@ def test_exposure_is_short_and_gain_comes_before_a_longer_one() -> None:
     assert camera.last.time_s < 0.004
 
 
-def test_no_order_is_beyond_what_is_allowed() -> None:
+def test_no_order_is_beyond_the_limits_of_exposure_and_gain() -> None:
     camera = Camera()
     camera.run(3.0, 1e-5, on_pad=False)
     assert camera.last.time_s == pytest.approx(0.015)
@@ -174,7 +174,7 @@ def test_a_white_pad_on_dark_ground_that_is_found_is_not_lost_again(
     assert sum(late) > 0.95 * len(late)
 
 
-def test_a_pad_out_of_sight_for_a_moment_changes_nothing() -> None:
+def test_a_pad_out_of_sight_for_a_moment_does_not_change_the_exposure() -> None:
     camera = Camera()
     camera.run(2.0, 0.8, on_pad=True)
     count = len(camera.orders)
@@ -184,7 +184,7 @@ def test_a_pad_out_of_sight_for_a_moment_changes_nothing() -> None:
     assert len(camera.orders) > count
 
 
-def test_a_pad_that_the_first_order_blinds_it_for_is_seen_again_within_a_second() -> None:
+def test_a_pad_overexposed_by_the_first_order_is_seen_again_within_a_second() -> None:
     # Bright sun, which the camera's own automatic had shown: 4 ms are eight times over full scale.
     camera = Camera()
     camera.automatic_s = 4e-4
@@ -202,5 +202,5 @@ def test_an_order_is_not_repeated_before_its_pictures_come() -> None:
     assert all(math.isfinite(a) for a in amounts)
 
 
-def test_pictures_whose_light_is_not_told_order_nothing() -> None:
+def test_pictures_without_a_measured_brightness_order_no_exposure() -> None:
     assert ExposureControl(OPTIONS).on_sightings(1.0, Sightings(0.9, 1, (), ())) is None

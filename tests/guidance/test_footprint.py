@@ -57,7 +57,7 @@ def follow(footprint: Footprint, velocity: Vec3, pad_velocity: Vec3, duration_s:
         footprint.slide(t, feet, 0.0, pad_velocity)
 
 
-def test_it_stands_where_it_touched() -> None:
+def test_feet_carried_by_a_moving_pad_stay_on_the_plate_where_they_touched() -> None:
     footprint = touched(0.02)
     follow(footprint, (5.0, 0.0, 0.0), (5.0, 0.0, 0.0), 2.5)
     assert footprint.on_plate
@@ -80,7 +80,7 @@ def test_feet_that_slide_are_followed_over_the_edge(away: Vec3) -> None:
     assert not footprint.on_plate
 
 
-def test_a_slide_that_ends_is_one_however_little_the_pad_is_known() -> None:
+def test_a_slide_that_has_ended_counts_however_uncertain_the_pad_is() -> None:
     footprint = touched(0.3)
     follow(footprint, (0.0, 0.6, 0.0), (0.0, 0.0, 0.0), 1.0)
     for i in range(80):
@@ -88,7 +88,7 @@ def test_a_slide_that_ends_is_one_however_little_the_pad_is_known() -> None:
     assert not footprint.on_plate
 
 
-def test_a_pad_seen_to_move_by_its_uncertainty_is_not_slid_off() -> None:
+def test_a_pad_that_seems_to_move_within_its_uncertainty_does_not_count_as_a_slide() -> None:
     """For 2.5 s, until the vehicle stands level; with the gear's feet held by the plate."""
     footprint = touched(0.15)
     follow(footprint, (0.0, 0.0, 0.0), (0.0, 0.25, 0.0), 2.5)

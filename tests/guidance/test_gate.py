@@ -67,14 +67,16 @@ def test_not_armed_or_another_mode_is_silent_and_says_which(
 
 
 @pytest.mark.parametrize(("armed", "mode"), [(False, "GUIDED"), (True, "LOITER")])
-def test_disarming_or_leaving_guided_latches(armed: bool, mode: str) -> None:
+def test_after_disarming_or_leaving_guided_the_switch_must_be_low_first(
+    armed: bool, mode: str
+) -> None:
     pilot = Pilot().granted().beat(armed=armed, mode=mode).beat()
     assert pilot.switch(HIGH).may() is Authority.RELEASED
     assert pilot.switch(LOW).may() is Authority.RELEASED
     assert pilot.switch(HIGH).may() is Authority.GRANTED
 
 
-def test_a_restart_of_the_autopilot_latches() -> None:
+def test_after_a_restart_of_the_autopilot_the_switch_must_be_low_first() -> None:
     pilot = Pilot().granted()
     pilot.gate.on_restart()
     assert pilot.may() is Authority.RELEASED
@@ -82,7 +84,7 @@ def test_a_restart_of_the_autopilot_latches() -> None:
     assert pilot.switch(LOW).switch(HIGH).may() is Authority.GRANTED
 
 
-def test_being_asked_to_latches() -> None:
+def test_latch_requires_the_switch_low_before_landerd_may_fly() -> None:
     pilot = Pilot().granted()
     pilot.gate.latch()
     assert pilot.switch(HIGH).may() is Authority.RELEASED
@@ -100,7 +102,7 @@ def test_a_switch_put_high_before_guided_starts_a_landing_with_guided() -> None:
     assert pilot.beat().may() is Authority.GRANTED
 
 
-def test_a_stale_heartbeat_releases_but_does_not_latch() -> None:
+def test_a_stale_heartbeat_releases_but_the_switch_need_not_be_low_afterwards() -> None:
     pilot = Pilot().granted()
     pilot.t += 2.9
     pilot.switch(HIGH)
@@ -111,7 +113,7 @@ def test_a_stale_heartbeat_releases_but_does_not_latch() -> None:
     assert pilot.beat().may() is Authority.GRANTED
 
 
-def test_stale_rc_releases_but_does_not_latch() -> None:
+def test_stale_rc_releases_but_the_switch_need_not_be_low_afterwards() -> None:
     pilot = Pilot().granted()
     pilot.t += 0.45
     assert pilot.may() is Authority.GRANTED

@@ -18,12 +18,12 @@ def told(flight: Flight, words: str) -> int:
     return sum(text == pilot_texts.PREFIX + words for text in flight.texts)
 
 
-def test_a_landing_in_order_tells_of_nothing() -> None:
+def test_a_normal_landing_gives_the_pilot_no_warning() -> None:
     flight = Flight().engaged().until_contact()
     assert [told(flight, words) for words in WORDS] == [0, 0]
 
 
-def test_sightings_of_which_every_third_is_refused_are_told_while_it_still_flies_on() -> None:
+def test_the_pilot_is_warned_if_every_third_sighting_is_refused() -> None:
     flight = Flight().engaged()
     count = 0
 
@@ -40,7 +40,7 @@ def test_sightings_of_which_every_third_is_refused_are_told_while_it_still_flies
     assert flight.lander.aborts == 0
 
 
-def test_pictures_that_come_late_are_told_while_it_still_flies_on(
+def test_the_pilot_is_warned_of_late_pictures_while_it_still_flies_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("tests.scripted_flight.LATE_TICKS", 14)  # 0.35 s
@@ -50,7 +50,7 @@ def test_pictures_that_come_late_are_told_while_it_still_flies_on(
     assert flight.lander.aborts == 0
 
 
-def test_pictures_that_come_too_late_to_be_flown_on_are_no_missing_ones(
+def test_pictures_too_late_to_be_used_are_not_reported_as_missing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     flight = Flight().engaged()
@@ -61,7 +61,7 @@ def test_pictures_that_come_too_late_to_be_flown_on_are_no_missing_ones(
     assert pilot_texts.OLD_PICTURES in flight.lander.reason
 
 
-def test_an_autopilot_that_does_not_fly_as_ordered_is_told_of(
+def test_the_pilot_is_told_if_the_autopilot_does_not_fly_as_ordered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As ArduCopter with GUID_OPTIONS 32 does: it says that it obeys, and drifts."""
@@ -96,7 +96,7 @@ def test_a_climb_rate_that_is_a_little_off_is_landed_with() -> None:
     assert flight.lander.aborts == 0
 
 
-def test_what_sinks_by_a_wrong_climb_rate_is_held_over_the_pad_by_sight() -> None:
+def test_a_vehicle_that_sinks_by_a_wrong_climb_rate_is_held_at_its_height_by_sight() -> None:
     """As of ArduCopter with accelerometers off the other way: it touched at 0.9 m/s, told to climb.
 
     It is told what will not do to hold, but for what is seen of the pad.
@@ -124,7 +124,7 @@ def test_what_sinks_by_a_wrong_climb_rate_is_held_over_the_pad_by_sight() -> Non
     assert flight.lander.aborts == 1
 
 
-def test_what_stands_on_the_pad_with_a_wrong_climb_rate_stays_there() -> None:
+def test_a_vehicle_on_the_pad_with_a_wrong_climb_rate_stays_there() -> None:
     flight = Flight().engaged().until(Phase.DESCENT)
     flight.told_to_sink = -2.5
     while flight.contact_t is None:

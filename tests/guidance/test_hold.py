@@ -43,7 +43,7 @@ def held(flight: Flight) -> Flight:
     return flight
 
 
-def test_it_holds_over_the_marker_says_so_once_and_lands_at_the_go() -> None:
+def test_it_holds_over_the_pad_says_so_once_and_lands_when_the_switch_goes_up() -> None:
     flight = held(engage(switched()))
     for _ in range(100):
         flight.run(0.1)
@@ -68,7 +68,7 @@ def test_it_holds_for_longer_than_a_landing_may_take() -> None:
     flight.until_contact()
 
 
-def test_after_the_go_a_landing_may_take_no_longer_than_any() -> None:
+def test_after_holding_the_time_limit_of_a_landing_applies() -> None:
     flight = held(engage(switched(lost={"total_s": 10.0})))
     flight.pulse_us = HIGH
     flight.pad_velocity = (0.0, 0.0, 1.2)  # it runs away below
@@ -101,7 +101,7 @@ def test_asked_in_the_descent_it_climbs_to_where_it_holds(speed: float) -> None:
 
 
 @pytest.mark.parametrize("height_m", [0.5, 3.5])
-def test_the_height_is_the_configured_one(height_m: float) -> None:
+def test_it_holds_at_the_configured_height(height_m: float) -> None:
     flight = held(engage(switched(hold={"height_m": height_m})))
     assert flight.height == pytest.approx(height_m, abs=0.1)
 
@@ -123,7 +123,7 @@ def test_committed_it_climbs_away_and_holds_and_that_is_no_failed_descent() -> N
     flight.until_contact()
 
 
-def test_on_the_pad_it_is_too_late_to_ask() -> None:
+def test_on_the_pad_the_request_to_hold_has_no_effect() -> None:
     flight = switched()
     engage(flight)
     flight.pulse_us = HIGH
@@ -207,7 +207,7 @@ def test_held_over_a_moving_pad_it_goes_with_it() -> None:
 
 
 @pytest.mark.parametrize("middle_s", [0.05, 0.2, 1.0])
-def test_what_stands_on_the_pad_does_not_take_off_to_hold(middle_s: float) -> None:
+def test_a_vehicle_on_the_pad_does_not_take_off_to_hold(middle_s: float) -> None:
     """On its way from low to high the switch passes its middle."""
     flight = switched()
     flight.detects_landing = False

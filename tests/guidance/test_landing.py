@@ -201,7 +201,7 @@ def test_a_narrow_gear_lands_with_less_lean() -> None:
     assert "landerd: yaw correction: leans too far: 18 degrees" in flight.texts
 
 
-def test_in_a_lull_it_lands_that_leaned_too_far() -> None:
+def test_a_vehicle_that_leaned_too_far_to_land_lands_in_a_lull() -> None:
     flight = Flight()
     flight.lean = math.radians(-33.0)
     flight.engaged()
@@ -212,7 +212,7 @@ def test_in_a_lull_it_lands_that_leaned_too_far() -> None:
 
 
 @pytest.mark.parametrize(("slope_deg", "lands"), [(8.0, True), (0.0, True), (-8.0, False)])
-def test_how_far_it_leans_is_against_the_plate_that_it_is_to_stand_on(
+def test_the_lean_that_forbids_a_landing_is_relative_to_the_plate(
     slope_deg: float, lands: bool
 ) -> None:
     """In wind from ahead it slid off a plate that sloped down with the wind."""
@@ -224,7 +224,7 @@ def test_how_far_it_leans_is_against_the_plate_that_it_is_to_stand_on(
     assert any("leans too far: 30 degrees" in text for text in flight.texts) != lands
 
 
-def test_over_a_pad_that_it_may_stand_on_no_landing_begins_before_that_is_known() -> None:
+def test_no_landing_begins_while_it_may_already_stand_on_the_pad() -> None:
     """After a while without telemetry little is known of the pad's velocity: it was lifted off."""
     flight = Flight(position=(0.0, 0.0, -Config().vehicle.gear_height_m))
     flight.contact_t, flight.detects_landing = 0.0, False
@@ -307,7 +307,7 @@ def test_leaning_as_the_pad_does_no_foot_is_taken_to_be_down() -> None:
     assert flight.lander.state is State.COMMITTED
 
 
-def test_held_up_where_the_build_is_wrong_it_has_touched_and_says_so() -> None:
+def test_a_touch_too_high_for_the_configured_gear_is_noticed_and_told_to_the_pilot() -> None:
     """Gear 12 cm longer than configured: it stood under thrust, for ever, and nobody heard why."""
     flight = Flight()
     flight.detects_landing = False
@@ -343,7 +343,7 @@ def test_on_a_pad_seen_to_slide_away_under_its_feet_it_is_waved_off() -> None:
     assert flight.pressed == []
 
 
-def test_what_ends_under_the_pad_has_not_landed_on_it() -> None:
+def test_a_vehicle_that_ends_below_the_plate_has_not_landed_on_the_pad() -> None:
     """It fell off the plate, came upright beside it, and was told to have landed."""
     flight = Flight()
     flight.detects_landing = False
@@ -429,7 +429,7 @@ def test_too_low_and_aside_it_climbs_before_it_goes_back_over_the_pad() -> None:
 
 
 @pytest.mark.parametrize(("plate_m", "state"), [(0.6, State.COMMITTED), (0.1, State.TRACKING)])
-def test_what_stands_on_the_plate_before_a_climb_answers_is_not_told_to_climb(
+def test_a_deck_that_comes_up_before_a_climb_begins_is_landed_on(
     plate_m: float, state: State
 ) -> None:
     """A deck that came up had its feet, and it stood there told to climb for more than a second."""
@@ -546,7 +546,7 @@ def test_released_it_climbs_away_for_a_second_at_most_also_where_it_rests_on_the
     assert not flight.pressed
 
 
-def test_what_its_thrust_has_not_lifted_stays_there_when_the_autopilot_begins_anew() -> None:
+def test_a_vehicle_on_the_pad_stays_there_when_the_autopilot_restarts() -> None:
     """Nothing was known of the pad any more: it was levelled when it lifted at last, and fell."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
     flight.detects_landing = False
@@ -639,7 +639,9 @@ def levelled_out() -> Flight:
 
 
 @pytest.mark.parametrize("restarts", [False, True])
-def test_what_stood_is_left_standing_when_released_without_data(*, restarts: bool) -> None:
+def test_a_vehicle_that_stood_is_left_standing_when_released_without_data(
+    *, restarts: bool
+) -> None:
     """Data that went stale made it forget that it stood: it climbed away from a pad that moves."""
     flight = levelled_out()
     while flight.lander.needs_sight:
@@ -661,7 +663,7 @@ def test_what_stood_is_left_standing_when_released_without_data(*, restarts: boo
     assert flight.pressed[0].heading == pytest.approx(flight.yaw, abs=0.01)
 
 
-def test_what_stands_on_a_moving_pad_is_to_stand_level_should_the_core_fail() -> None:
+def test_should_the_core_fail_a_vehicle_on_a_moving_pad_is_to_stand_level() -> None:
     flight = levelled_out()
     while not flight.pressed:
         flight.tick()
@@ -812,7 +814,7 @@ def test_carried_on_while_its_data_are_stale_it_has_not_slid() -> None:
 
 
 @pytest.mark.parametrize("switch_us", [HIGH, LOW])
-def test_what_turns_over_on_the_ground_is_given_no_thrust(switch_us: int) -> None:
+def test_a_vehicle_that_turns_over_on_the_ground_is_given_no_thrust(switch_us: int) -> None:
     """As of a quadrotor that lost a motor 0.11 m up: for 13 s it was told to climb, and thrown."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged().until(Phase.DESCENT)
     while flight.height > 0.18:
@@ -830,7 +832,7 @@ def test_what_turns_over_on_the_ground_is_given_no_thrust(switch_us: int) -> Non
     assert flight.lander.outcome == ("tipped_over" if switch_us == HIGH else "released")
 
 
-def test_what_leans_so_far_for_a_moment_or_high_up_flies_on() -> None:
+def test_a_large_lean_for_a_moment_or_high_up_is_not_taken_for_turning_over() -> None:
     flight = Flight().engaged().until(Phase.DESCENT)
     flight.lean = math.radians(80.0)
     flight.run(0.3)
@@ -845,7 +847,7 @@ def test_what_leans_so_far_for_a_moment_or_high_up_flies_on() -> None:
     assert not any("turns over" in text for text in flight.texts)
 
 
-def test_what_lies_tipped_over_on_the_pad_has_not_landed() -> None:
+def test_a_vehicle_that_lies_tipped_over_on_the_pad_has_not_landed() -> None:
     flight = Flight()
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
@@ -984,7 +986,7 @@ class Biased(Flight):
         ]
 
 
-def test_what_is_released_on_the_pad_stands_level_though_its_height_drifts() -> None:
+def test_released_on_the_pad_it_stands_level_though_its_height_drifts() -> None:
     """What drifted was taken for sinking: it was left there with its thrust on."""
     flight = Biased()
     flight.detects_landing = False
@@ -998,7 +1000,7 @@ def test_what_is_released_on_the_pad_stands_level_though_its_height_drifts() -> 
     assert flight.pressed
 
 
-def test_what_hovers_over_the_pad_that_it_sees_has_not_touched() -> None:
+def test_a_vehicle_that_hovers_over_a_pad_in_sight_has_not_touched() -> None:
     """Over a deck that began to sink: it was on the pad for landerd, up to 0.3 m over it."""
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
@@ -1011,7 +1013,7 @@ def test_what_hovers_over_the_pad_that_it_sees_has_not_touched() -> None:
     assert flight.lander.state is State.COMMITTED
 
 
-def test_what_a_gust_held_up_over_the_pad_and_lifts_was_not_on_it() -> None:
+def test_a_vehicle_that_a_gust_held_up_and_lifts_was_not_on_the_pad() -> None:
     """It was pressed down in the air, carried off by a velocity taken for the pad's, and tipped."""
     flight = Flight(pad_velocity=(2.0, 0.0, 0.0)).engaged()
     to(flight, State.COMMITTED)
@@ -1182,7 +1184,7 @@ def test_blown_across_a_pad_that_drives_on_it_is_not_taken_for_carried() -> None
     assert flight.order.velocity[0] == pytest.approx(3.0, abs=0.2)
 
 
-def test_what_has_slid_across_a_pad_that_braked_goes_with_it_once_it_stands() -> None:
+def test_a_vehicle_that_slid_across_a_braking_pad_goes_with_it_once_it_stands() -> None:
     """It was pressed on with the velocity of before for two seconds, across a pad that stood."""
     flight = Flight(pad_velocity=(0.5, 0.0, 0.0))
     flight.detects_landing = False
@@ -1197,7 +1199,7 @@ def test_what_has_slid_across_a_pad_that_braked_goes_with_it_once_it_stands() ->
     assert flight.pressed
 
 
-def test_what_was_left_behind_by_its_pad_has_not_landed_on_it() -> None:
+def test_a_vehicle_left_behind_by_the_pad_has_not_landed_on_it() -> None:
     """However little was known of the pad's velocity as it touched."""
     flight = Flight()
     flight.detects_landing = False
@@ -1232,7 +1234,7 @@ def test_levelled_as_it_slid_and_blown_off_then_it_has_not_landed_on_the_pad(
     assert flight.lander.outcome == outcome
 
 
-def test_nothing_found_it_hands_back_by_way_of_stops() -> None:
+def test_a_search_that_finds_nothing_ends_with_stop_orders_and_a_hand_back() -> None:
     config = Config.model_validate({"guidance": {"lost": {"give_up_s": 2.0}}})
     flight = Flight(config=config).engaged()
     flight.visible = False
@@ -1243,7 +1245,7 @@ def test_nothing_found_it_hands_back_by_way_of_stops() -> None:
     assert flight.setpoints[-1][1] == STOP
 
 
-def test_disarmed_after_commit_but_before_contact_is_taken_over() -> None:
+def test_disarmed_after_commit_but_before_contact_counts_as_taken_over() -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
     flight.armed = False
@@ -1251,7 +1253,7 @@ def test_disarmed_after_commit_but_before_contact_is_taken_over() -> None:
     assert flight.lander.outcome == "taken over"
 
 
-def test_a_word_of_being_disarmed_is_no_landing_without_on_ground() -> None:
+def test_disarmed_on_the_pad_without_on_ground_is_not_called_landed() -> None:
     flight = Flight().engaged()
     to(flight, State.ON_PAD)
     flight.armed = False
@@ -1259,7 +1261,7 @@ def test_a_word_of_being_disarmed_is_no_landing_without_on_ground() -> None:
     assert flight.lander.outcome == "taken over"
 
 
-def test_the_precision_landing_of_the_autopilot_leaves_every_state_alone() -> None:
+def test_with_output_landing_target_it_stays_silent_though_the_gate_is_open() -> None:
     config = Config.model_validate({"guidance": {"output": "landing_target"}})
     flight = Flight(config=config)
     flight.run(1.1)
@@ -1313,7 +1315,7 @@ def test_no_landing_is_given_back_just_over_a_fast_pad() -> None:
         assert flight.contact_t is None
 
 
-def test_what_others_fly_meanwhile_takes_no_time_of_the_landing() -> None:
+def test_time_released_does_not_count_in_the_time_of_the_landing() -> None:
     """RC was stale for two minutes; as it came back the pilot read "no landing in time"."""
     flight = Flight(position=(-15.0, 2.0, -8.0)).engaged()
     flight.silent.add(RcChannels)
@@ -1346,7 +1348,7 @@ def test_each_time_that_it_may_not_fly_on_from_the_pad_it_is_stopped_for_as_long
     assert flight.t - began == pytest.approx(flight.config.guidance.release_s, abs=2 * DT)
 
 
-def test_what_stood_on_the_plate_as_its_position_went_stale_has_landed_there() -> None:
+def test_a_vehicle_on_the_plate_whose_position_goes_stale_has_landed_there() -> None:
     """Its last velocity carried it on, under the pad: the pilot read "disarmed beside the pad"."""
     flight = Flight().engaged().until(Phase.LANDED)
     while flight.height > 0.02:

@@ -14,7 +14,9 @@ from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, fly
 
 
-def test_the_pad_is_told_in_the_body_frame_at_its_exposure_and_nothing_is_flown() -> None:
+def test_landing_target_is_the_pad_in_the_body_frame_at_its_exposure_and_no_set_point_is_sent() -> (
+    None
+):
     """Without the gate: what is done with it, ArduPilot's mode decides."""
     sent: list[Any] = []
     truth: dict[int, Vec3] = {}  # by time of exposure, us

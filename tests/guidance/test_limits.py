@@ -83,7 +83,7 @@ def test_a_demand_beyond_the_speed_limit_keeps_its_direction() -> None:
     assert math.atan2(v[1], v[0]) == pytest.approx(math.atan2(40.0, 30.0))
 
 
-def test_downward_ends_at_once_when_it_is_no_longer_allowed() -> None:
+def test_descent_ends_at_once_when_it_is_no_longer_allowed() -> None:
     limiter = Limiter(LIMITS)
     assert fly(limiter, (2.0, 0.0, 1.0), 3.0)[-1].velocity[2] == pytest.approx(1.0, rel=1e-3)
     v = limiter.step((2.0, 0.0, 1.0), 0.0, DT, may_descend=False).velocity
@@ -103,7 +103,7 @@ def test_not_allowed_to_descend_it_never_does(wanted: list[tuple[Vec3, float, in
                 assert setpoint.velocity[2] <= 0.0
 
 
-def test_climbing_needs_no_leave() -> None:
+def test_climbing_is_possible_where_descent_is_not_allowed() -> None:
     limiter = Limiter(LIMITS)
     for _ in range(120):
         setpoint = limiter.step((0.0, 0.0, -0.5), 0.0, DT, may_descend=False)
@@ -131,7 +131,7 @@ def test_turning_begins_gently() -> None:
     assert rates[-1] == pytest.approx(math.radians(LIMITS.yaw_rate_deg_s))
 
 
-def test_it_takes_over_at_the_speed_that_is_flown() -> None:
+def test_set_points_begin_at_the_velocity_that_is_flown() -> None:
     limiter = Limiter(LIMITS)
     limiter.reset((3.0, 0.0, -0.4))
     v = limiter.step((3.0, 0.0, -0.4), 0.0, DT, may_descend=False).velocity

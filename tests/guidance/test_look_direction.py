@@ -65,7 +65,7 @@ def test_the_airframes_lean_is_taken_out() -> None:
     assert math.degrees(math.atan2(leaning[0], leaning[2])) == pytest.approx(20.0, abs=0.1)
 
 
-def test_what_was_seen_once_is_looked_at_for_a_second() -> None:
+def test_a_pad_seen_once_is_looked_at_for_a_second() -> None:
     # At the edge of the picture of a camera that is swept it would be gone in the next one.
     estimator = Estimator(Config())
     for i in range(30):
@@ -82,7 +82,7 @@ def test_what_was_seen_once_is_looked_at_for_a_second() -> None:
     assert direction is None
 
 
-def test_so_is_what_was_seen_once_after_another_was_lost() -> None:
+def test_after_a_pad_was_lost_another_seen_once_is_looked_at() -> None:
     estimator = Estimator(Config())
     hear(estimator, 0.0)
     for i in range(1, 120):
@@ -98,7 +98,7 @@ def test_so_is_what_was_seen_once_after_another_was_lost() -> None:
 
 
 @pytest.mark.parametrize(("speed", "looks"), [(4.0, True), (-4.0, False), (-1.0, True)])
-def test_what_was_seen_once_is_not_looked_back_at_on_the_way(speed: float, looks: bool) -> None:
+def test_a_pad_seen_once_is_not_looked_back_at_while_flying_on(speed: float, looks: bool) -> None:
     # Boards of others turned the camera back while the pad ahead came and went.
     estimator = Estimator(Config())
     for i in range(30):

@@ -12,12 +12,12 @@ def plan(options: LostSection = OPTIONS) -> LostPlan:
     return made
 
 
-def test_first_it_holds_and_looks() -> None:
+def test_after_a_loss_it_first_holds_and_searches() -> None:
     for now in (100.0, 101.5, 102.9):
         assert plan().step(now, -4.0) == ((0.0, 0.0, 0.0), "holding")
 
 
-def test_then_it_climbs_straight_up_by_as_much_as_configured() -> None:
+def test_after_holding_it_climbs_straight_up_by_the_configured_height() -> None:
     made, down, climbed = plan(), -4.0, []
     for i in range(260):
         step = made.step(103.0 + 0.1 * i, down)
@@ -35,12 +35,12 @@ def test_without_a_climb_it_only_holds() -> None:
     assert step[0] == (0.0, 0.0, 0.0)
 
 
-def test_at_last_it_hands_back() -> None:
+def test_after_the_configured_time_it_hands_back() -> None:
     assert plan().step(129.9, -9.0) is not None
     assert plan().step(130.1, -9.0) is None
 
 
-def test_every_loss_has_its_own_time() -> None:
+def test_every_loss_has_the_whole_time_again() -> None:
     made = plan()
     assert made.step(130.1, -4.0) is None
     made.begin(200.0)

@@ -79,7 +79,7 @@ def test_after_a_pause_set_points_begin_at_the_vehicles_velocity(
     assert orders.velocity[0] == (0.0 if goes_on else 3.0)
 
 
-def test_what_was_told_to_stop_has_not_stopped_yet() -> None:
+def test_after_a_stop_orders_go_on_from_the_velocity_still_flown() -> None:
     orders = begun(10.0)
     orders.stop()
     orders.begin(10.0 + DT, DT)
@@ -87,7 +87,7 @@ def test_what_was_told_to_stop_has_not_stopped_yet() -> None:
     assert orders.velocity[0] == 3.0
 
 
-def test_to_stand_level_ends_the_velocity_that_was_flown() -> None:
+def test_the_order_to_stand_level_sets_the_velocity_to_zero() -> None:
     orders = begun()
     orders.go_on_from((3.0, 0.0, 0.5))
     orders.stand_level(0.7, (0.0, 0.0, 0.0))
@@ -95,7 +95,7 @@ def test_to_stand_level_ends_the_velocity_that_was_flown() -> None:
     assert orders.velocity == (0.0, 0.0, 0.0)
 
 
-def test_what_stood_level_on_a_pad_that_moves_goes_on_with_it() -> None:
+def test_after_standing_level_on_a_moving_pad_set_points_begin_at_its_velocity() -> None:
     # From rest it would be two seconds late, and tip over.
     orders = begun()
     orders.stand_level(0.7, (5.0, 1.0, 0.2))
@@ -104,7 +104,7 @@ def test_what_stood_level_on_a_pad_that_moves_goes_on_with_it() -> None:
     assert 0.0 < orders.velocity[2] < 0.1
 
 
-def test_what_waits_for_the_switch_is_told_again_as_a_line_may_be_lost() -> None:
+def test_the_request_to_move_the_switch_is_repeated_every_10_s() -> None:
     orders, told = begun(), []
     for tick in range(round(25.0 / DT)):
         orders.begin(10.0 + tick * DT, DT)
@@ -118,7 +118,7 @@ def test_what_waits_for_the_switch_is_told_again_as_a_line_may_be_lost() -> None
     assert len(told) == 4
 
 
-def test_what_happens_again_too_soon_to_be_told_again_is_told_when_it_lasts() -> None:
+def test_a_loss_that_repeats_within_a_second_is_told_again_when_it_lasts() -> None:
     """A pad lost, found and lost within a second: the pilot read that it was being approached."""
     orders = begun()
     now, told = 10.0, []
@@ -136,7 +136,7 @@ def test_what_happens_again_too_soon_to_be_told_again_is_told_when_it_lasts() ->
     assert again == pytest.approx([10.0 + DT, 11.0 + DT], abs=2 * DT)
 
 
-def test_a_phase_that_begins_again_too_soon_to_be_told_again_is_told_when_it_lasts() -> None:
+def test_a_phase_that_begins_again_within_a_second_is_told_again_when_it_lasts() -> None:
     """Else the last that the pilot was told is that it holds, while it flies."""
     orders = begun()
     told = []

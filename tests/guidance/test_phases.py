@@ -51,7 +51,7 @@ def test_over_a_pad_that_is_not_known_well_enough_to_descend_the_pilot_is_told_s
     assert "away" in p.step(situation(0.05, 14.0, sigma_m=0.05))[1]
 
 
-def test_what_is_carried_out_of_the_region_stops_sinking_before_it_is_out() -> None:
+def test_a_vehicle_carried_out_of_the_region_stops_sinking_before_it_is_out() -> None:
     inside = 0.8 * descent_radius(OPTIONS, 1.0)
     assert phases().may_descend(situation(inside, 1.0))
     assert not phases().may_descend(situation(inside, 1.0, rate=(0.4, 0.0, 0.0)))
@@ -69,9 +69,7 @@ def flown(p: Phases, seconds: float, *, sinks_mps: float) -> None:
         assert p.step(off)[0] is Phase.DESCENT
 
 
-def test_what_gusts_keep_from_sinking_may_sink_farther_off_in_the_end_but_not_ever_farther() -> (
-    None
-):
+def test_the_descent_region_grows_to_its_limit_while_gusts_keep_it_from_sinking() -> None:
     p = phases()
     flown(p, 4.0, sinks_mps=0.0)
     assert not p.may_descend(situation(0.16, 0.5))
@@ -84,7 +82,7 @@ def test_what_gusts_keep_from_sinking_may_sink_farther_off_in_the_end_but_not_ev
     assert not p.may_descend(situation(0.16, 0.5))
 
 
-def test_a_region_that_is_wide_from_the_start_stays_as_it_is() -> None:
+def test_a_region_configured_wider_than_the_limit_does_not_grow() -> None:
     wide = Phases(OPTIONS.model_copy(update={"k1_m": 0.24}), has_heading=True)
     flown(wide, 60.0, sinks_mps=0.0)
     assert wide.widening == 1.0
@@ -159,7 +157,7 @@ def test_the_higher_it_commits_the_younger_the_last_sighting_must_be() -> None:
     assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.3)[0] is Phase.LANDED
 
 
-def test_far_from_everything_after_a_jump_the_region_is_finite() -> None:
+def test_the_region_stays_finite_at_any_height() -> None:
     assert descent_radius(DescentSection(), 2500.0) < math.inf
 
 
@@ -172,7 +170,7 @@ def test_a_heading_out_of_sight_stops_the_descent() -> None:
     assert p.floor_m > 1.0
 
 
-def test_low_down_a_heading_out_of_sight_is_climbed_for() -> None:
+def test_low_down_it_climbs_if_the_pads_heading_is_out_of_sight() -> None:
     p = phases()
     assert p.step(situation(0.1, 3.0, heading_deg=0.0))[0] is Phase.DESCENT
     phase, why = p.step(situation(0.1, 0.6, heading_deg=None))
@@ -251,12 +249,12 @@ def test_it_does_not_commit_to_a_bad_touch_down_but_climbs_and_tries_again(rate:
     assert p.step(situation(0.02, 0.11))[0] is Phase.LANDED
 
 
-def test_at_its_height_the_region_is_as_wide_as_asked() -> None:
+def test_region_height_is_the_height_at_which_the_region_has_a_given_radius() -> None:
     assert descent_radius(OPTIONS, region_height(OPTIONS, 1.0)) == pytest.approx(1.0)
     assert region_height(OPTIONS, 0.05) == 0.0
 
 
-def test_on_the_ground_no_height_below_zero_is_told_that_is_none() -> None:
+def test_the_pilot_is_never_told_a_height_of_minus_zero() -> None:
     _, why = phases().step(situation(0.0, -0.02))
     assert "-0.0" not in why
     assert "0.0 m up" in why

@@ -48,7 +48,7 @@ def test_the_limit_is_of_the_output_whatever_the_gain() -> None:
         assert output == pytest.approx(0.8)
 
 
-def test_after_a_long_error_it_turns_back_at_once() -> None:
+def test_after_a_long_error_the_output_changes_sign_at_once() -> None:
     controller = pid(kp=1.0, ki=0.5, limit=1.0)
     for _ in range(4000):
         step(controller, 10.0)

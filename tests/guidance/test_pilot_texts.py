@@ -51,7 +51,7 @@ def test_every_line_is_short_plain_text(text: str) -> None:
 
 
 @pytest.mark.parametrize("why", BLIND_REASONS)
-def test_out_of_sight_both_halves_fit(why: str) -> None:
+def test_a_text_on_a_lost_pad_fits_with_both_its_parts(why: str) -> None:
     said = line(pilot_texts.BLIND.format(why=why, what=pilot_texts.SEARCHING))
     assert len(said) <= pilot_texts.MAX_CHARACTERS
 

@@ -60,7 +60,7 @@ def test_the_worse_horizontal_direction_counts_and_so_does_the_lenss_direction()
     assert with_lens == pytest.approx(math.hypot(0.2, 0.05 * 4.8, tape_m))
 
 
-def test_a_deck_is_counted_on_to_sink_only_as_far_as_that_is_known() -> None:
+def test_a_decks_sinking_counts_only_as_far_as_it_is_known() -> None:
     # The worse it is known, the slower it is sunk to: it may come up.
     for heave, least in ((0.4, 0.2), (0.1, -0.1), (-0.3, -0.5)):
         deck = pad((0.0, 0.0, 0.0), velocity=(0.0, 0.0, heave))
@@ -68,7 +68,7 @@ def test_a_deck_is_counted_on_to_sink_only_as_far_as_that_is_known() -> None:
         assert seen.sure_heave == pytest.approx(least)
 
 
-def test_a_tilted_pads_plane_counts_near_the_pad_only() -> None:
+def test_the_plane_of_a_tilted_pad_counts_only_near_the_pad() -> None:
     # From 30 m away its plane lies 5 m higher or lower: the descent region is not that wide.
     tilted = (-math.sin(math.radians(10.0)), 0.0, math.cos(math.radians(10.0)))
     over, far = (

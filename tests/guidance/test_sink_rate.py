@@ -29,7 +29,7 @@ def _dies_at(height: float, timeout_s: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("timeout_s", [0.5, 1.0, 3.0])
-def test_it_stops_above_that_height_and_comes_to_the_ground_gently_from_below(
+def test_should_landerd_die_the_vehicle_stops_in_the_air_or_touches_gently(
     timeout_s: float,
 ) -> None:
     strikes_m = unstopped_height(timeout_s, BRAKES_MPS2)

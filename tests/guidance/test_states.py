@@ -22,7 +22,7 @@ def test_every_state_has_its_row_and_every_event_its_use() -> None:
 
 
 @pytest.mark.parametrize("state", FLYING)
-def test_whatever_it_flies_the_gate_ends_it_stopping_first_where_it_may(state: State) -> None:
+def test_a_closed_gate_ends_every_state_with_a_stop_where_one_is_possible(state: State) -> None:
     stops = State.STANDING if state is State.ON_PAD else State.RELEASING
     assert TRANSITIONS[state][Event.RELEASED] is stops
     assert TRANSITIONS[state][Event.RELEASED_LOW] is State.LEAVING
@@ -33,7 +33,7 @@ def test_released_as_it_seems_to_touch_it_stops_as_on_the_pad() -> None:
     assert TRANSITIONS[State.COMMITTED][Event.RELEASED_TOUCHING] is State.STANDING
 
 
-def test_what_leaves_the_pad_stops_before_it_is_silent() -> None:
+def test_a_vehicle_that_leaves_the_pad_is_stopped_before_landerd_is_silent() -> None:
     assert TRANSITIONS[State.LEAVING][Event.CLEAR_OF_PAD] is State.RELEASING
     assert TRANSITIONS[State.LEAVING][Event.STANDS] is State.STANDING
 

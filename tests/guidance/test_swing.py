@@ -28,7 +28,7 @@ def test_a_circle_about_the_pad_is_a_swing_and_a_line_through_it_too() -> None:
     assert swings([(0.2 * math.cos(3.8 * t), 0.0) for t in times(8.0)])
 
 
-def test_an_error_that_closes_or_stays_or_is_small_is_none() -> None:
+def test_an_error_that_closes_stays_or_is_small_is_not_taken_for_a_swing() -> None:
     rng = random.Random(3)
     assert not swings([(0.9 * math.exp(-GAIN * t), 0.1) for t in times(8.0)])
     assert not swings([(0.3, -0.2) for _ in times(8.0)])
@@ -36,11 +36,11 @@ def test_an_error_that_closes_or_stays_or_is_small_is_none() -> None:
     assert not swings([(0.2 + rng.gauss(0.0, 0.002), 0.0) for _ in times(8.0)])
 
 
-def test_on_its_way_to_the_pad_nothing_is_told() -> None:
+def test_motion_on_the_way_to_the_pad_is_not_taken_for_a_swing() -> None:
     assert not swings([(3.0 * math.cos(3.8 * t), 3.0 * math.sin(3.8 * t)) for t in times(8.0)])
 
 
-def test_a_vehicle_slower_than_was_said_is_calmed_and_lands() -> None:
+def test_a_vehicle_slower_than_configured_is_calmed_and_lands() -> None:
     """With gains as configured it circled for ever, and was handed back."""
     slow = ("delay_s=0.15", "bandwidth=0.7", "jerk_mps3=18", "acceleration_mps2=3")
     overrides = [*ABOVE, *(f"sim.response.{key}" for key in slow)]

@@ -129,7 +129,7 @@ def test_blind_in_the_air_it_aborts_while_contact_could_still_have_been_noticed_
     assert Descent().go_on(DT, sighting_age=0.8) is Event.SIGHT_LOST
 
 
-def test_no_contact_is_believed_higher_up_than_a_leg() -> None:
+def test_contact_is_not_believed_more_than_a_legs_length_above_the_pad() -> None:
     descent = Descent()
     descent.go_on(0.6)
     assert descent.go_on(0.5, sink_rate=0.0, clearance=0.15) is None
@@ -137,7 +137,7 @@ def test_no_contact_is_believed_higher_up_than_a_leg() -> None:
     assert descent.go_on(0.3, sink_rate=0.0, clearance=0.09) is Event.CONTACT
 
 
-def test_where_the_pad_is_seen_lower_than_that_a_slow_moment_is_no_contact() -> None:
+def test_above_the_largest_contact_height_a_slow_moment_is_no_contact() -> None:
     touchdown = Descent().touchdown
     for i in range(40):
         t = 50.0 + i * DT
@@ -166,7 +166,7 @@ def test_disarm_is_asked_for_only_on_the_ground_and_until_it_is_done() -> None:
     assert asked == pytest.approx([60.0, 60.5, 61.0, 61.5, 62.0])
 
 
-def test_who_says_on_ground_before_the_autopilot_can_know_disarms_nothing() -> None:
+def test_on_ground_reported_sooner_than_the_autopilot_can_know_does_not_disarm() -> None:
     # ArduCopter's land detector takes a second; what was taken for contact may be a gust.
     descent = Descent().to_contact()
     assert not descent.touchdown.disarm_due(descent.t + 0.4, Landed.ON_GROUND)
@@ -244,7 +244,7 @@ def test_it_stands_level_soon_after_contact_and_stays_so() -> None:
     ("slip", "roll_pitch_rate"),
     [(0.3, 0.0), (0.0, 0.8), (math.inf, math.inf), (math.nan, math.nan)],
 )
-def test_what_slips_or_tips_is_levelled_only_when_on_ground_is_late(
+def test_a_vehicle_that_slips_or_tips_is_levelled_only_if_on_ground_is_late(
     slip: float, roll_pitch_rate: float
 ) -> None:
     # With thrust left and one edge down, levelling would let the wind carry it away.
@@ -254,7 +254,7 @@ def test_what_slips_or_tips_is_levelled_only_when_on_ground_is_late(
 
 
 @pytest.mark.parametrize(("slip", "waits_s"), [(0.2, 0.6), (0.5, 0.35), (0.9, 2.5)])
-def test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled(
+def test_a_vehicle_that_leaned_and_then_slides_lying_flat_is_levelled(
     slip: float, waits_s: float
 ) -> None:
     """Half lifted by the thrust that steers, it slid on in the wind for 2 s, and off the plate."""
@@ -265,7 +265,7 @@ def test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled(
     assert all(standing.level(1.0, slip=slip)[4:])
 
 
-def test_what_is_dragged_off_as_it_rocks_is_levelled_once_it_lies_on_the_plate() -> None:
+def test_a_rocking_vehicle_that_is_dragged_off_is_levelled_once_it_lies_on_the_plate() -> None:
     """Waiting until it rocked no longer, it was dragged over the plate's edge and tipped over."""
     standing = Standing()
     standing.touchdown.descent(math.radians(20.0))
@@ -273,7 +273,7 @@ def test_what_is_dragged_off_as_it_rocks_is_levelled_once_it_lies_on_the_plate()
     assert all(standing.level(0.5, slip=0.5, lean=math.radians(4.0), roll_pitch_rate=1.2)[6:])
 
 
-def test_what_rocks_on_the_plate_without_being_dragged_is_not_levelled() -> None:
+def test_a_vehicle_that_rocks_on_the_plate_without_being_dragged_is_not_levelled() -> None:
     standing = Standing()
     assert not any(standing.level(2.4, slip=0.5, roll_pitch_rate=1.2))
     standing = Standing()
@@ -281,14 +281,14 @@ def test_what_rocks_on_the_plate_without_being_dragged_is_not_levelled() -> None
     assert not any(standing.level(2.4, slip=0.25, roll_pitch_rate=1.2))
 
 
-def test_what_slides_lying_flat_when_it_may_not_fly_on_is_levelled() -> None:
+def test_a_vehicle_that_may_not_fly_on_and_slides_lying_flat_is_levelled() -> None:
     # A velocity that is off by a constant looks like a slide: it was never levelled, but stopped.
     assert not any(Standing().level(2.4, slip=0.15))
     assert all(Standing().level(1.0, slip=0.15, released=True)[26:])
     assert not any(Standing().level(2.4, slip=0.5, released=True))
 
 
-def test_what_a_pad_tips_over_is_levelled_before_it_stands_still() -> None:
+def test_a_vehicle_that_the_pad_tips_over_is_levelled_before_it_stands_still() -> None:
     standing = Standing()
     assert not any(standing.level(0.25, roll_pitch_rate=0.8, tips=True))
     assert all(standing.level(0.5, roll_pitch_rate=0.8, tips=True)[4:])
@@ -302,14 +302,14 @@ def test_released_it_is_left_level_as_soon_as_it_is_said_to_be_on_the_ground() -
     assert all(standing.level(0.2, slip=0.2, released=True))
 
 
-def test_what_creeps_down_on_an_air_cushion_is_not_levelled() -> None:
+def test_a_vehicle_that_sinks_slowly_on_an_air_cushion_is_not_levelled() -> None:
     # Its sink rate alone might be an error of the autopilot's.
     standing = Standing()
     assert not any(standing.level(2.0, sinks=0.06, sink_rate=0.06))
     assert any(standing.level(0.5))
 
 
-def test_how_badly_a_fast_pads_speed_is_known_does_not_count_as_slip() -> None:
+def test_the_uncertainty_of_a_fast_pads_speed_does_not_count_as_slip() -> None:
     assert Standing().level(1.5, slip=0.45, pad_speed=15.0)[-1]
     assert not any(Standing().level(1.5, slip=0.45, pad_speed=5.0))
 
@@ -321,7 +321,7 @@ def test_on_a_deck_that_sinks_it_stands_level_as_on_any_other() -> None:
     assert not any(Standing().level(4.0, sinks=0.3, sink_rate=0.3, heave=0.0, sigma_heave=0.03))
 
 
-def test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air() -> None:
+def test_a_slow_vehicle_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air() -> None:
     """It hovered 4 cm over the deck for a second: by height and sinking it stood there."""
     standing = Standing(vertical_acceleration_mps2=1.6, vertical_jerk_mps3=2.1)  # 0.8 s late
     heave, sinks = 0.0, GENTLE
@@ -336,14 +336,14 @@ def test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_th
     assert standing.level(2.0, sinks=0.3, sink_rate=0.3, heave=0.3, sigma_heave=0.1)[-1]
 
 
-def test_what_flew_for_long_after_it_was_taken_to_touch_is_not_levelled_on_one_edge() -> None:
+def test_a_vehicle_that_flew_on_after_a_false_contact_is_not_levelled_on_one_edge() -> None:
     """Over a deck that began to sink, 2.4 s before it touched: it was levelled 0.2 s after that."""
     standing = Standing()
     assert not any(standing.level(3.0, sink_rate=GENTLE, heave=0.0, sigma_heave=0.1))
     assert not any(standing.level(0.55, slip=0.5))
 
 
-def test_level_it_is_carried_by_a_deck_that_nobody_looks_at_any_more() -> None:
+def test_levelled_it_stays_so_on_a_deck_that_heaves_out_of_sight() -> None:
     # It heaves at 0.3 m/s. Without thrust what is in the air falls.
     standing = Standing()
     assert standing.level(1.5, sinks=-0.2, sink_rate=-0.2, heave=-0.2, sigma_heave=0.03)[-1]
@@ -358,7 +358,7 @@ def test_it_is_levelled_once_it_has_stood_still_for_a_moment() -> None:
     assert all(standing.level(0.5)[4:])
 
 
-def test_it_stands_still_from_the_touch_on_not_from_what_was_taken_for_contact() -> None:
+def test_standing_still_counts_from_the_real_touch_and_not_from_a_false_contact() -> None:
     standing = Standing()
     standing.level(0.3, sinks=0.15, sink_rate=0.1)  # slowed by the air cushion
     assert not any(standing.level(0.45))
@@ -374,7 +374,7 @@ def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time(
 
 
 @pytest.mark.parametrize("sink_rate", [0.3, 0.15, math.inf, math.nan])
-def test_what_sinks_or_may_sink_is_never_left_without_thrust(sink_rate: float) -> None:
+def test_a_vehicle_that_sinks_or_may_sink_is_never_left_without_thrust(sink_rate: float) -> None:
     # The contact was none: a gust held it up, and now it comes down as ordered.
     assert not any(Standing().level(5.0, sink_rate=sink_rate))
 

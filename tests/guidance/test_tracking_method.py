@@ -80,7 +80,7 @@ def test_a_gust_does_not_push_it_out_of_the_descent_region() -> None:
     assert abs(position) < 0.01
 
 
-def test_it_sinks_only_as_low_as_the_region_is_wide() -> None:
+def test_it_sinks_only_to_the_height_whose_region_contains_it() -> None:
     assert order(0.0, 5.0)[0][2] > 1.0
     assert order(0.3, 5.0)[0][2] < order(0.0, 5.0)[0][2]
     assert order(0.6, 3.0)[0][2] == 0.0
@@ -119,7 +119,7 @@ def test_a_vehicle_that_turns_beside_its_order_still_comes_to_the_pads_heading(
     assert math.degrees(heading) == pytest.approx(20.0, abs=0.2)
 
 
-def test_a_large_gain_of_the_heading_does_not_swing_about_it() -> None:
+def test_a_large_heading_gain_does_not_make_the_heading_swing() -> None:
     method = TrackingMethod(with_value(CONFIG, "guidance.tracking.yaw_kp", 5.0))
     vehicle, heading = MeasuredYawResponse(), 0.0
     seen_late, off = [situation(height=3.0, heading_deg=20.0)] * 2, []
@@ -298,7 +298,7 @@ def test_a_pad_that_stops_under_a_calmed_vehicle_is_no_gust() -> None:
     assert swung(method, seconds=0.0, by_m=0.0) < 0.85 * fresh
 
 
-def test_a_vehicle_that_swings_more_with_the_gains_it_got_back_is_calmed_again() -> None:
+def test_gains_that_were_restored_are_reduced_again_if_the_vehicle_swings_more() -> None:
     """It swung in gusts, got its gain back, and then swung by itself for the rest of the flight."""
     fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
     method = TrackingMethod(CONFIG)
@@ -307,7 +307,7 @@ def test_a_vehicle_that_swings_more_with_the_gains_it_got_back_is_calmed_again()
     assert swung(method, seconds=4.2, by_m=0.4) < 0.8 * fresh
 
 
-def test_a_swing_that_smaller_gains_calm_keeps_them() -> None:
+def test_gains_that_end_a_swing_are_kept() -> None:
     method = TrackingMethod(CONFIG)
     fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
     for by_m in (0.3, 0.25, 0.15, 0.08, 0.04):
@@ -340,7 +340,7 @@ def test_a_pad_that_drives_away_is_kept_in_sight_by_climbing(
         ("autopilot.jerk_mps3", 2.0, False),
     ],
 )
-def test_what_it_was_calmed_to_outlives_a_parameter_that_has_no_part_in_it(
+def test_reduced_gains_are_kept_when_an_unrelated_parameter_changes(
     key: str, value: float, is_kept: bool
 ) -> None:
     changed = with_value(CONFIG, key, value)
