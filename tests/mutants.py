@@ -677,7 +677,7 @@ MUTANTS = [
         "hw/links/tcp.py",
         "if self._transport is not None and now - self._heard_t <= SILENT_S:",
         "if False:",
-        "hw/links/test_links.py::test_who_else_connects_does_not_cut_the_autopilot_that_speaks",
+        "hw/links/test_links.py::test_a_second_connection_does_not_cut_that_of_the_autopilot",
     ),
     Mutant(
         "5: a sensor that was reset tells its last angle",
@@ -728,7 +728,7 @@ MUTANTS = [
         "landerd/runtime/frozen_input.py",
         "Report = Attitude | LocalPosition | GimbalState",
         "Report = Attitude | GimbalState",
-        "runtime/test_frozen_input.py::test_what_was_never_still_and_repeats_itself_is_frozen[LocalPosition]",
+        "runtime/test_frozen_input.py::test_a_report_that_always_changed_and_then_repeats_is_frozen[LocalPosition]",
     ),
     Mutant(
         "6: says landed although only a heartbeat says disarmed",
@@ -874,7 +874,7 @@ MUTANTS = [
         "landerd/geometry.py",
         "return p + math.sin(pitch) * yaw, math.cos(roll) * q - math.sin(roll) * r, yaw",
         "return 0.0, 0.0, 0.0",
-        "estimation/test_camera_pose.py::test_between_two_attitudes_it_turns_as_their_rates_say",
+        "estimation/test_camera_pose.py::test_between_two_attitudes_the_vehicle_turns_by_their_rates",
     ),
     Mutant(
         "5: a leaning vehicle's heading turns as fast as its own axis",
@@ -1130,7 +1130,7 @@ MUTANTS = [
         "landerd/estimation/pad_filter.py",
         "if innovation.nis < 0.0:",
         "if False:",
-        "estimation/test_pad_filter.py::test_what_makes_no_covariance_any_more_is_not_flown_on",
+        "estimation/test_pad_filter.py::test_an_estimate_without_a_valid_covariance_is_dropped",
     ),
     Mutant(
         "aim: a vehicle that leans looks down before its feet",
@@ -1182,7 +1182,7 @@ MUTANTS = [
         "landerd/estimation/outlier_rejector.py",
         "first = is_other and jump != AS_EXPECTED",
         "first = False",
-        "estimation/test_camera_pose.py::test_what_jumps_once_as_nothing_can_is_not_taken",
+        "estimation/test_camera_pose.py::test_an_impossible_jump_of_velocity_or_heading_is_ignored",
     ),
     Mutant(
         "2: turns to the north of a plate that carries another pad's code",

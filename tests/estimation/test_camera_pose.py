@@ -10,7 +10,7 @@ from landerd.messages import Attitude, GimbalState, LocalPosition, Reference
 from tests.estimation.histories import AT_ORIGIN, history
 
 
-def test_when_the_local_frame_jumps_the_one_before_is_gone_on_with() -> None:
+def test_after_a_jump_of_the_local_frame_positions_stay_in_the_old_one() -> None:
     made = PoseHistory(AT_ORIGIN)
     made.add(Attitude(1.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)))
     made.add(GimbalState(1.0, 0.0, 0.0, 0.0, Reference.BODY))
@@ -36,7 +36,7 @@ def told(made: PoseHistory, velocities: list[float], yaws: list[float]) -> tuple
     return position[1][3], attitude[1][2]
 
 
-def test_what_jumps_once_as_nothing_can_is_not_taken() -> None:
+def test_an_impossible_jump_of_velocity_or_heading_is_ignored() -> None:
     turning = [0.0, 0.01, 0.4, 0.03, -2.9]
     velocity, heading = told(PoseHistory(AT_ORIGIN), [1.0, 1.1, 20.0, 1.2, -9.0], turning)
     assert velocity == 1.2
@@ -54,7 +54,7 @@ def test_headings_at_random_are_not_believed_though_two_in_a_row_agree() -> None
         assert newest[1][2] == pytest.approx(0.02 * i, abs=math.radians(1.0))
 
 
-def test_a_heading_that_is_set_anew_is_believed_after_a_while() -> None:
+def test_a_heading_that_is_reset_is_believed_after_a_while() -> None:
     made = PoseHistory(AT_ORIGIN)
     for i in range(30):
         yaw = 0.02 * i + (0.4 if i > 10 else 0.0)
@@ -64,7 +64,7 @@ def test_a_heading_that_is_set_anew_is_believed_after_a_while() -> None:
         assert newest[1][2] - 0.02 * i == pytest.approx(0.4 if i > 15 else 0.0)
 
 
-def test_a_heading_that_is_set_anew_is_gone_on_without_where_the_old_one_is_kept() -> None:
+def test_a_reset_of_the_heading_is_removed_while_the_old_one_is_kept() -> None:
     made = PoseHistory(AT_ORIGIN)
     for i in range(60):
         yaw = 0.02 * i + (0.4 if 10 < i <= 40 else 0.0)
@@ -88,7 +88,7 @@ def test_a_gimbal_that_goes_silent_is_not_taken_to_stand_still_for_long() -> Non
     assert made.camera_pose(1.38) is None
 
 
-def test_a_velocity_that_is_said_twice_is_so_and_a_hard_knock_and_turn_are_no_jumps() -> None:
+def test_a_velocity_reported_twice_is_believed_and_a_hard_knock_is_no_jump() -> None:
     made = PoseHistory(AT_ORIGIN)
     assert told(made, [1.0, 1.1, 20.0, 20.3], [0.0] * 4)[0] == 20.3
     made = PoseHistory(AT_ORIGIN)
@@ -108,7 +108,7 @@ def tumbling(seconds: float, step_s: float = 0.001) -> list[tuple[Vec3, Vec3]]:
     return flown
 
 
-def test_between_two_attitudes_it_turns_as_their_rates_say() -> None:
+def test_between_two_attitudes_the_vehicle_turns_by_their_rates() -> None:
     made, flown = PoseHistory(AT_ORIGIN), tumbling(0.6)
     for i in range(0, 600, 40):  # at 25 Hz
         angles, rates = flown[i]
@@ -122,7 +122,7 @@ def test_between_two_attitudes_it_turns_as_their_rates_say() -> None:
     assert ahead[:3] == pytest.approx(flown[580][0], abs=math.radians(0.3))
 
 
-def test_a_position_that_wanders_is_no_motion() -> None:
+def test_steps_of_the_position_that_the_velocity_contradicts_are_smoothed() -> None:
     """As GPS has it: 3 cm to either side every 0.2 s, while the velocity says nothing of it."""
     made, rng = PoseHistory(AT_ORIGIN), Random(2)
     told, places = 0.0, []
@@ -141,7 +141,7 @@ def test_a_position_that_wanders_is_no_motion() -> None:
     assert newest[1][0] - 0.1 * 3999 == pytest.approx(told, abs=0.02)  # it goes along in the end
 
 
-def test_over_a_gap_it_goes_on_from_where_it_was() -> None:
+def test_over_a_short_gap_the_smoothed_position_goes_on_without_a_jump() -> None:
     # What the velocity has carried it off by is no jump of the pad.
     made = PoseHistory(AT_ORIGIN)
     for i in range(1000):
@@ -155,7 +155,7 @@ def test_over_a_gap_it_goes_on_from_where_it_was() -> None:
     assert newest[1][0] - last[1][0] == pytest.approx(0.03)
 
 
-def test_after_a_gap_the_position_is_taken_as_it_is() -> None:
+def test_after_a_long_gap_the_position_is_taken_as_reported() -> None:
     made = PoseHistory(AT_ORIGIN)
     made.add(LocalPosition(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
     made.add(LocalPosition(3.0, (0.2, 0.0, 0.0), (0.0, 0.0, 0.0)))
@@ -164,7 +164,7 @@ def test_after_a_gap_the_position_is_taken_as_it_is() -> None:
     assert newest[1][0] == 0.2
 
 
-def test_gravity_in_the_picture() -> None:
+def test_gravity_points_down_in_the_picture_as_the_camera_is_turned() -> None:
     ahead = history().down(1.0)
     assert ahead == pytest.approx((0.0, 1.0, 0.0))  # the picture's bottom
     down = history(gimbal_deg=(0.0, -90.0, 0.0)).down(1.0)
@@ -173,7 +173,7 @@ def test_gravity_in_the_picture() -> None:
     assert rolled == pytest.approx((1.0, 0.0, 0.0))  # right side down
 
 
-def test_an_axis_that_only_tells_its_orders_follows_them_with_the_lag() -> None:
+def test_a_gimbal_axis_that_reports_only_its_orders_follows_them_with_the_lag() -> None:
     """Yaw as well as pitch: taken to be there at once, it was 10 degrees off at 120 a second."""
     made = PoseHistory(AT_ORIGIN)
     lag_s = AT_ORIGIN.gimbal.lag_s
@@ -199,7 +199,7 @@ def test_an_axis_that_only_tells_its_orders_follows_them_with_the_lag() -> None:
     assert behind == pytest.approx([rate * (lag_s - 0.5 * dt)] * 2, rel=0.02)
 
 
-def test_an_axis_that_is_measured_is_where_it_says() -> None:
+def test_a_gimbal_axis_that_is_measured_is_where_it_reports() -> None:
     made = PoseHistory(AT_ORIGIN)
     for i in range(3):
         made.add(GimbalState(1.0 + 0.02 * i, 0.1 * i, 0.0, 0.0, Reference.BODY, False))

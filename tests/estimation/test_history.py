@@ -19,7 +19,7 @@ def test_between_two_measurements_values_are_interpolated() -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_an_angle_crosses_the_seam_the_short_way(sign: float) -> None:
+def test_an_angle_is_interpolated_the_short_way_across_180_degrees(sign: float) -> None:
     history = angle_history()
     history.add(0.0, (sign * math.radians(179.0),))
     history.add(0.1, (sign * math.radians(-177.0),))  # 4 degrees further
@@ -30,7 +30,7 @@ def test_an_angle_crosses_the_seam_the_short_way(sign: float) -> None:
     assert half[0] == pytest.approx(sign * math.radians(-179.0))
 
 
-def test_a_number_that_is_no_angle_does_not_wrap() -> None:
+def test_values_that_are_no_angles_are_interpolated_without_wrapping() -> None:
     history = History(angles=[False])
     history.add(0.0, (3.0,))
     history.add(0.1, (-3.0,))
@@ -62,7 +62,7 @@ def test_with_rates_a_slow_stream_of_a_quick_swing_is_followed() -> None:
     assert abs(swing(1.0)[0] - swing(1.03)[0]) > math.radians(1.5)
 
 
-def test_with_rates_an_angle_crosses_the_seam_the_short_way() -> None:
+def test_with_rates_an_angle_is_interpolated_the_short_way_across_180_degrees() -> None:
     history = History(angles=[True, False], rates=lambda values: values[1:])
     history.add(0.0, (math.radians(179.0), math.radians(40.0)))
     history.add(0.1, (math.radians(-177.0), math.radians(40.0)))
@@ -131,7 +131,7 @@ def test_the_last_second_stays_known_and_what_is_older_is_let_go() -> None:
     assert history.at(40.0) is None
 
 
-def test_what_may_not_be_held_for_long_is_not_known_for_long() -> None:
+def test_the_newest_value_is_held_no_longer_than_configured() -> None:
     history = History(angles=[True], max_gap_s=0.3, held_s=0.15)
     history.add(1.0, (0.1,))
     assert history.at(1.14) == (0.1,)

@@ -85,7 +85,7 @@ def test_the_airframes_lean_is_taken_out() -> None:
     assert observed(rolled, seen((0.0, 0.0, 10.0))).position == pytest.approx(expected)
 
 
-def test_a_gimbal_that_measures_against_the_horizon_is_not_leaned_twice() -> None:
+def test_the_airframes_lean_is_not_added_to_angles_measured_against_the_horizon() -> None:
     for roll, pitch in ((20.0, 0.0), (0.0, -15.0), (10.0, 12.0)):
         made = history(
             attitude_deg=(roll, pitch, 30.0),
@@ -193,7 +193,7 @@ def jacobian(seen: PadObservation) -> Jacobian:
     return seen.biases.jacobian(seen.arm, seen.biases.range_share)
 
 
-def test_an_error_of_the_lenss_direction_moves_the_pad_as_said() -> None:
+def test_an_error_of_the_lenss_direction_moves_the_pad_as_the_jacobian_says() -> None:
     # A lens that looks 1 degree farther right than the gimbal says, and one 1 degree farther up.
     true = seen((0.5, -1.0, 10.0))
     for gimbal_deg, error in (((31.0, -50.0, 0.0), (0.0, 1.0)), ((30.0, -49.0, 0.0), (1.0, 0.0))):
@@ -206,7 +206,7 @@ def test_an_error_of_the_lenss_direction_moves_the_pad_as_said() -> None:
         assert norm(sub(moved, expected)) < 0.02
 
 
-def test_an_error_of_the_clock_moves_the_pad_as_the_lens_does() -> None:
+def test_an_error_of_the_clock_moves_the_pad_by_the_vehicles_velocity() -> None:
     made = PoseHistory(AT_ORIGIN)
     for i in range(40):
         t = 0.02 * i
@@ -217,7 +217,7 @@ def test_an_error_of_the_clock_moves_the_pad_as_the_lens_does() -> None:
     assert [row[2] for row in jacobian(found)[0]] == pytest.approx([5.0, 0.0, 0.0])
 
 
-def test_how_the_first_picture_would_move_by_the_clock_is_told_by_what_comes_after_it() -> None:
+def test_the_first_pictures_dependence_on_the_clock_comes_from_later_telemetry() -> None:
     """Taken for unmoved it told the clock, for the whole flight, to 4 ms and 24 ms off."""
 
     def telling(first: int) -> Vec3:

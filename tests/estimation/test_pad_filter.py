@@ -220,7 +220,7 @@ def test_a_heaving_deck_is_known_to_turn_when_it_is_seen_worse_for_a_moment() ->
     assert worst < 3.0
 
 
-def test_what_swings_with_the_airframe_is_not_taken_for_the_pads_motion() -> None:
+def test_a_lens_that_swings_with_the_airframe_is_not_taken_for_the_pads_motion() -> None:
     # From 8 m a lens that is 1.5 mrad off one way and the other, once a second.
     noise = random.Random(9)
     pad_filter = PadFilter(OPTIONS)
@@ -235,7 +235,7 @@ def test_what_swings_with_the_airframe_is_not_taken_for_the_pads_motion() -> Non
     assert fastest < 0.1
 
 
-def test_what_a_nimble_airframe_sweeps_is_not_taken_for_the_pads_motion() -> None:
+def test_a_late_gimbal_on_a_nimble_airframe_is_not_taken_for_the_pads_motion() -> None:
     """Its gimbal's clock known to 6 ms, a pad at 1 m/s was taken for one of 2 m/s^2."""
     noise = random.Random(9)
     pad_filter = PadFilter(OPTIONS)
@@ -324,7 +324,7 @@ def test_a_gimbals_noise_about_the_line_of_sight_tells_nothing_of_the_lens(seed:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_shows_the_pad_aside_and_is_flown_after_is_not_taken_for_a_late_clock(
+def test_an_error_of_the_pads_place_that_the_vehicle_follows_is_not_taken_for_a_late_clock(
     seed: int,
 ) -> None:
     # Hovering 1 m over the pad, shown 5 mm to and fro by what stays alike for half a second.
@@ -388,7 +388,9 @@ def test_a_pad_that_turns_about_itself_drives_straight_on(rate_deg_s: float) -> 
 
 
 @pytest.mark.parametrize("speed", [0.0, 1.0, 10.0])
-def test_a_pad_that_drives_where_it_looks_is_not_taken_for_one_that_does_not(speed: float) -> None:
+def test_a_pad_on_a_curve_that_turns_with_its_course_keeps_being_taken_for_one(
+    speed: float,
+) -> None:
     noise = random.Random(5)
     pad_filter = PadFilter(OPTIONS)
     rate = math.radians(8.0)
@@ -544,7 +546,7 @@ def test_a_false_alarm_before_the_pad_does_not_make_it_a_fast_one(gap: float) ->
     assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.01
 
 
-def test_what_stands_on_a_wall_is_no_pad() -> None:
+def test_a_marker_on_a_wall_is_not_taken_for_the_pad() -> None:
     pad_filter = PadFilter(OPTIONS)
     for t in times(60):
         assert not pad_filter.update([sighting(t, PAD, tilt=math.radians(60.0))])
@@ -552,7 +554,7 @@ def test_what_stands_on_a_wall_is_no_pad() -> None:
 
 
 @pytest.mark.parametrize(("period_s", "needed"), [(0.02, 21), (0.1, 5), (0.25, 3)])
-def test_sightings_that_agree_for_a_moment_are_a_pad_three_at_least(
+def test_at_least_three_sightings_that_agree_for_a_moment_are_a_pad(
     period_s: float, needed: int
 ) -> None:
     pad_filter = PadFilter(OPTIONS)
@@ -568,7 +570,7 @@ def test_after_two_seconds_out_of_sight_it_begins_anew() -> None:
     assert pad_filter.estimate(t) is None
 
 
-def test_what_is_not_seen_grows_uncertain() -> None:
+def test_a_pad_out_of_sight_grows_uncertain() -> None:
     pad_filter = settled()
     t = 89 / RATE
     sigmas = [estimate(pad_filter, t + wait).sigma_m for wait in (0.0, 0.5, 1.0, 2.0)]
@@ -601,7 +603,7 @@ def test_an_empty_frame_changes_nothing() -> None:
     assert estimate(pad_filter, 4.0) == before
 
 
-def test_forgotten_is_forgotten() -> None:
+def test_after_a_reset_nothing_of_the_pad_is_known() -> None:
     pad_filter = settled()
     pad_filter.reset()
     assert pad_filter.estimate(3.0) is None
@@ -614,7 +616,7 @@ def test_forgotten_is_forgotten() -> None:
 # ---- heading -----------------------------------------------------------------------------------
 
 
-def test_heading_is_averaged_over_the_seam() -> None:
+def test_headings_on_both_sides_of_180_degrees_are_averaged_the_short_way() -> None:
     noise = random.Random(6)
     pad_filter = PadFilter(OPTIONS)
     for t in times(300):
@@ -654,7 +656,7 @@ def test_one_flipped_heading_is_refused_and_a_lasting_one_is_taken() -> None:
     assert estimate(pad_filter, later).heading == pytest.approx(1.3, abs=0.01)
 
 
-def test_headings_that_err_by_more_than_is_said_let_no_pad_turn() -> None:
+def test_headings_noisier_than_stated_are_not_taken_for_a_turning_pad() -> None:
     # As in the field: 0.8 degrees, where the picture's fit says 0.1.
     noise = random.Random(12)
     pad_filter = PadFilter(OPTIONS)
@@ -686,7 +688,7 @@ def test_a_pad_that_begins_to_turn_is_turned_with_at_once() -> None:
     assert found.turn_rate == pytest.approx(rate, rel=0.25)
 
 
-def test_a_heading_begun_anew_of_two_pictures_turns_no_velocity() -> None:
+def test_a_heading_learned_from_two_pictures_does_not_turn_the_pads_velocity() -> None:
     # The last ones through a gimbal that turns and does not say so any more.
     pad_filter = PadFilter(OPTIONS)
     askew = {90: 0.1, 91: 0.14, 92: 0.18}
@@ -719,7 +721,7 @@ def quiet(count: int = 90) -> PadFilter:
     return pad_filter
 
 
-def test_a_short_step_of_the_telemetry_does_not_blind() -> None:
+def test_a_short_step_of_the_telemetry_does_not_make_sightings_refused() -> None:
     # 10 ms for 150 ms, beside a pad at 5 m/s: 5 cm.
     pad_filter = quiet()
     for t in times(5, 90 / RATE):
@@ -779,7 +781,7 @@ def test_a_step_of_the_position_moves_the_pad_and_forgets_nothing_else() -> None
     assert norm(sub(found.position, moved)) < 0.02
 
 
-def test_what_is_refused_here_and_there_does_not_begin_anew() -> None:
+def test_refused_sightings_in_different_places_do_not_replace_the_pad() -> None:
     pad_filter = quiet()
     for i, t in enumerate(times(20, 90 / RATE)):
         elsewhere = add(PAD, (3.0 * (-1) ** i, 2.0 * (i % 3), 0.0))
@@ -816,7 +818,7 @@ def test_a_clock_that_gets_known_between_two_pictures_is_as_if_known_from_the_fi
         assert late == pytest.approx(at_once, rel=1e-6)
 
 
-def test_what_makes_no_covariance_any_more_is_not_flown_on() -> None:
+def test_an_estimate_without_a_valid_covariance_is_dropped() -> None:
     pad_filter = settled()
     aside, none = add(PAD, (0.1, 0.0, 0.0)), matscale(IDENTITY, -1.0)
     assert not pad_filter.update([sighting(3.0, aside, covariance=none)])

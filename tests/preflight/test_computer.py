@@ -42,12 +42,12 @@ def linux(tmp_path: Path) -> Linux:
 
 
 @pytest.mark.parametrize("url", [UART, USB, "udpin:127.0.0.1:14550"])
-def test_of_a_sound_computer_nothing_wrong_is_said(linux: Linux, url: str) -> None:
+def test_a_sound_computer_has_no_warning(linux: Linux, url: str) -> None:
     assert linux.told(url) == []
     assert {f.item for f in computer_findings(url, linux.root)} == {"computer", "temperature"}
 
 
-def test_a_computer_that_tells_nothing_is_no_fault(tmp_path: Path) -> None:
+def test_a_computer_without_any_of_linuxs_files_has_no_warning(tmp_path: Path) -> None:
     assert [f.level for f in computer_findings(UART, tmp_path)] == ["ok"]
 
 
@@ -68,7 +68,7 @@ def test_a_computer_that_tells_nothing_is_no_fault(tmp_path: Path) -> None:
          "fan"),
     ],
 )  # fmt: skip
-def test_what_is_broken_is_named(
+def test_each_defect_of_the_computer_is_reported_with_its_remedy(
     linux: Linux, path: str, text: str, level: str, item: str, what: str, mend: str
 ) -> None:
     linux.say(path, text)
@@ -83,7 +83,7 @@ def test_a_low_supply_of_a_raspberry_pi_5_is_named(linux: Linux) -> None:
     assert ("fail", "supply") in [(level, item) for level, item, *_ in linux.told(UART)]
 
 
-def test_what_is_no_sensor_of_a_jetson_is_no_heat(linux: Linux) -> None:
+def test_the_constant_of_a_jetsons_power_chip_is_not_taken_for_a_temperature(linux: Linux) -> None:
     for zone, (kind, temperature) in enumerate((("CPU-therm", "38000"), ("PMIC-Die", "100000"))):
         linux.say(f"sys/class/thermal/thermal_zone{zone}/type", f"{kind}\n")
         linux.say(f"sys/class/thermal/thermal_zone{zone}/temp", f"{temperature}\n")
@@ -91,7 +91,7 @@ def test_what_is_no_sensor_of_a_jetson_is_no_heat(linux: Linux) -> None:
     assert temperature_c(linux.root) == 38.0
 
 
-def test_a_console_on_another_port_is_no_fault(linux: Linux) -> None:
+def test_a_console_on_another_serial_port_is_no_warning(linux: Linux) -> None:
     linux.say("proc/cmdline", "console=serial0,115200 console=tty1")
     assert linux.told(USB) == []
 
@@ -108,7 +108,7 @@ def test_the_debug_plug_of_a_raspberry_pi_5_is_told_from_its_header(linux: Linux
     assert linux.told("serial:/dev/ttyAMA0?baud=921600") == []
 
 
-def test_modem_manager_is_told_of_unless_a_rule_keeps_it_away(linux: Linux) -> None:
+def test_modem_manager_is_reported_unless_a_udev_rule_keeps_it_away(linux: Linux) -> None:
     linux.say("proc/800/cmdline", "/usr/sbin/ModemManager\0")
     assert [(level, item) for level, item, *_ in linux.told(USB)] == [("warn", "ModemManager")]
     assert linux.told(UART) == []  # it asks ports on USB only

@@ -20,12 +20,12 @@ def test_arming_checks_are_known_by_the_names_of_4_6_and_of_4_7(arming: dict[str
     assert (finding.level, finding.what) == ("ok", "6 looked at, none fights landerd")
 
 
-def test_a_check_that_is_left_out_in_4_7_is_told() -> None:
+def test_an_arming_check_that_4_7_skips_is_reported() -> None:
     (finding,) = parameter_findings(CONFIG, SOUND | {"ARMING_SKIPCHK": 4.0})
     assert (finding.level, finding.mend) == ("warn", "set ARMING_SKIPCHK 0")
 
 
-def test_arming_checks_that_nobody_told_of_are_told_by_both_names() -> None:
+def test_unknown_arming_checks_are_reported_with_both_parameter_names() -> None:
     (finding,) = parameter_findings(CONFIG, SOUND)
     assert "did not tell ARMING_CHECK, ARMING_SKIPCHK" in finding.what
 
@@ -39,9 +39,7 @@ def test_arming_checks_that_nobody_told_of_are_told_by_both_names() -> None:
         ({"WPNAV_ACCEL": 0.0, "PSC_JERK_XY": 2.0}, 1.25),  # ArduPilot's own default then
     ],
 )
-def test_velocities_that_are_answered_late_are_told(
-    shaping: dict[str, float], late_s: float
-) -> None:
+def test_slow_velocity_shaping_is_reported(shaping: dict[str, float], late_s: float) -> None:
     values = SOUND | {"ARMING_CHECK": 1.0} | shaping
     (finding,) = parameter_findings(CONFIG, values)
     assert (finding.level, f"{late_s:.1f} s late" in finding.what) == ("warn", True)
@@ -51,7 +49,9 @@ def test_velocities_that_are_answered_late_are_told(
 
 
 @pytest.mark.parametrize("shaping", [{}, {"WPNAV_ACCEL": 250.0, "PSC_JERK_XY": 5.0}])
-def test_shaping_as_delivered_or_of_an_old_autopilot_is_not(shaping: dict[str, float]) -> None:
+def test_velocity_shaping_by_ardupilots_defaults_or_of_an_old_version_is_no_finding(
+    shaping: dict[str, float],
+) -> None:
     (finding,) = parameter_findings(CONFIG, SOUND | {"ARMING_CHECK": 1.0} | shaping)
     assert finding.level == "ok"
 
@@ -67,7 +67,7 @@ def test_a_long_timeout_fails_with_the_height_from_which_it_strikes(
 
 
 @pytest.mark.parametrize("options", [32.0, 48.0, float("nan")])
-def test_velocities_that_are_not_held_fail(options: float) -> None:
+def test_guid_options_that_let_velocities_drift_are_a_failure(options: float) -> None:
     """ArduCopter in SITL drifted at 0.1 m/s beside every order, and never came to the pad."""
     values = SOUND | {"ARMING_CHECK": 1.0, "GUID_OPTIONS": options}
     (finding,) = parameter_findings(CONFIG, values)
@@ -75,14 +75,14 @@ def test_velocities_that_are_not_held_fail(options: float) -> None:
 
 
 @pytest.mark.parametrize("options", [1.0, 8.0, 16.0, 65.0])
-def test_other_options_of_guided_are_as_you_wish(options: float) -> None:
+def test_options_of_guided_that_do_not_matter_are_no_finding(options: float) -> None:
     values = SOUND | {"ARMING_CHECK": 1.0, "GUID_OPTIONS": options}
     (finding,) = parameter_findings(CONFIG, values)
     assert finding.level == "ok"
 
 
 @pytest.mark.parametrize(("time_s", "level"), [(0.15, "ok"), (0.3, "ok"), (0.5, "warn")])
-def test_an_attitude_that_follows_late_is_told(time_s: float, level: str) -> None:
+def test_a_slow_attitude_controller_is_reported(time_s: float, level: str) -> None:
     """ArduCopter in SITL then overshoots its velocities by a fifth, to and fro for ten seconds."""
     values = SOUND | {"ARMING_CHECK": 1.0, "ATC_INPUT_TC": time_s}
     (finding,) = parameter_findings(CONFIG, values)

@@ -60,7 +60,7 @@ def test_a_timeout_fires_on_virtual_time() -> None:
     assert run_virtual(main()) == pytest.approx(2.0, abs=1e-6)
 
 
-def test_waiting_for_what_nothing_can_make_is_an_error_and_not_a_hang() -> None:
+def test_waiting_for_an_event_that_nothing_can_cause_is_an_error_and_not_a_hang() -> None:
     async def main() -> None:
         await asyncio.Event().wait()
 

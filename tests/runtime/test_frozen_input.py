@@ -27,7 +27,7 @@ def at(report: Report, i: int) -> Report:
 
 
 @pytest.mark.parametrize("report", REPORTS, ids=lambda report: type(report).__name__)
-def test_what_was_never_still_and_repeats_itself_is_frozen(report: Report) -> None:
+def test_a_report_that_always_changed_and_then_repeats_is_frozen(report: Report) -> None:
     frozen = FrozenInput()
     assert not any(frozen.repeats(at(report, i)) for i in range(RESTLESS_REPORTS + 1))
     last = at(report, RESTLESS_REPORTS)
@@ -37,13 +37,13 @@ def test_what_was_never_still_and_repeats_itself_is_frozen(report: Report) -> No
 
 
 @pytest.mark.parametrize("report", REPORTS, ids=lambda report: type(report).__name__)
-def test_what_repeats_itself_from_the_beginning_may(report: Report) -> None:
+def test_reports_that_repeat_from_the_beginning_are_not_frozen(report: Report) -> None:
     frozen = FrozenInput()
     assert not any(frozen.repeats(at(report, i // 2)) for i in range(3 * RESTLESS_REPORTS))
 
 
 @pytest.mark.parametrize("report", REPORTS[:2], ids=lambda report: type(report).__name__)
-def test_what_stood_still_on_the_ground_is_frozen_all_the_same_in_flight(report: Report) -> None:
+def test_reports_that_were_still_on_the_ground_may_be_frozen_in_flight(report: Report) -> None:
     frozen = FrozenInput()
     assert not any(frozen.repeats(replace(report, t=-1.0 + 0.02 * i)) for i in range(40))
     assert not any(frozen.repeats(at(report, i)) for i in range(1, RESTLESS_ESTIMATES + 1))
@@ -69,7 +69,7 @@ def test_pictures_that_are_all_white_or_black_are_new_ones_whatever_pixels_are_d
     assert not any(frozen.picture_repeats(image) for _ in range(3))
 
 
-def test_a_frozen_picture_is_told_without_a_look_at_all_its_levels() -> None:
+def test_a_frozen_picture_is_noticed_without_comparing_all_its_levels() -> None:
     """It is in the loop: 27 ms for each of 1920x1080 left too little time for the set-points."""
 
     def quickest(call: Callable[[], object]) -> float:
@@ -89,7 +89,7 @@ def test_a_frozen_picture_is_told_without_a_look_at_all_its_levels() -> None:
 
 
 @pytest.mark.parametrize("rows", [1, 10, 12])
-def test_what_differs_in_some_rows_of_an_even_picture_is_all_that_counts(rows: int) -> None:
+def test_of_an_even_picture_only_rows_with_different_levels_count(rows: int) -> None:
     """Of 1080 rows a hundredth may differ, those that are compared first among them."""
     frozen, image = FrozenInput(), np.full((1080, 64), 255, np.uint8)
     image[: 32 * rows : 32] = np.random.default_rng(1).integers(0, 250, (rows, 64), np.uint8)

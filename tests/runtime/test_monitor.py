@@ -36,12 +36,12 @@ def test_a_gap_is_counted_once_at_the_place_that_made_it(caplog: pytest.LogCaptu
     assert "the log (1 so far)" in caplog.text
 
 
-def test_a_gap_of_nobody_is_counted_all_the_same() -> None:
+def test_a_gap_outside_of_any_named_part_is_counted_as_elsewhere() -> None:
     monitor = watch(lambda monitor: time.sleep(LONG_S))
     assert dict(monitor.gaps) == {"elsewhere, or the computer was busy": 1}
 
 
-def test_who_raises_was_a_gap_too() -> None:
+def test_a_gap_in_a_part_that_raises_is_counted() -> None:
     def fails() -> None:
         time.sleep(LONG_S)
         raise OSError("full")
@@ -63,7 +63,7 @@ def test_it_is_logged_once_a_second_at_most(caplog: pytest.LogCaptureFixture) ->
     assert caplog.text.count("the log") == 1
 
 
-def test_a_loop_that_turns_has_no_gaps() -> None:
+def test_a_loop_that_keeps_running_has_no_gaps() -> None:
     def scene(monitor: LoopMonitor) -> None:
         with monitor.at("the log"):
             pass
@@ -71,7 +71,7 @@ def test_a_loop_that_turns_has_no_gaps() -> None:
     assert not watch(scene).gaps
 
 
-def test_the_onlooker_names_the_line_that_held_it_up(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_line_of_code_that_held_the_loop_up_is_named(caplog: pytest.LogCaptureFixture) -> None:
     """In whatever code of landerd's it is, watched or not."""
 
     async def main() -> LoopMonitor:

@@ -44,13 +44,13 @@ def test_a_stepped_clock_is_taken_over_at_once() -> None:
     assert clock.place(101.0 - OFFSET - 5.0, 102.0) == pytest.approx(101.0, abs=0.006)
 
 
-def test_nothing_is_placed_after_its_arrival() -> None:
+def test_no_message_is_dated_after_its_arrival() -> None:
     clock = BootClock()
     clock.exchanged(100.0, 100.0 - OFFSET, 100.5)  # all of the delay on the way back
     assert clock.place(101.0 - OFFSET, 101.0) == 101.0
 
 
-def test_an_endless_or_impossible_exchange_says_nothing() -> None:
+def test_an_endless_or_impossible_exchange_is_ignored() -> None:
     clock = BootClock()
     clock.exchanged(100.0, 50.0, 103.0)
     clock.exchanged(100.0, 50.0, 99.0)
@@ -67,7 +67,7 @@ def test_a_slow_exchange_hardly_counts_beside_quick_ones() -> None:
     assert clock.place(20.0 - OFFSET, 21.0) == pytest.approx(20.0, abs=0.001)
 
 
-def test_half_the_round_trip_is_not_known() -> None:
+def test_the_clock_is_uncertain_by_half_the_round_trip() -> None:
     clock = BootClock()
     assert clock.uncertainty_s is None
     for i in range(100):

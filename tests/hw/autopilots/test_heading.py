@@ -25,12 +25,12 @@ def turned(noise_deg: float, rate_deg_s: float, duration_s: float = 4.0) -> list
     return off
 
 
-def test_it_is_not_known_before_it_was_measured() -> None:
+def test_the_heading_is_unknown_before_it_was_measured() -> None:
     assert Heading().at(1.0) is None
 
 
 @pytest.mark.parametrize("rate_deg_s", [0.0, 30.0, -60.0])
-def test_it_turns_with_the_vehicle(rate_deg_s: float) -> None:
+def test_the_heading_turns_with_the_vehicle(rate_deg_s: float) -> None:
     assert max(map(abs, turned(0.0, rate_deg_s))) < 1e-9
 
 

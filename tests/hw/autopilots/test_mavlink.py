@@ -294,7 +294,7 @@ def test_after_a_restart_everything_is_asked_again_with_the_first_message() -> N
     fly(scene)
 
 
-def test_what_the_autopilot_refuses_is_said_once_in_plain_words(
+def test_a_command_that_the_autopilot_refuses_is_told_once_in_plain_words(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def scene(f: Flight) -> None:
@@ -383,13 +383,15 @@ def test_rc_channels_without_a_sound_pulse_read_0() -> None:
         (216, 4, (True, False, "unknown")),  # without the custom-mode flag it says nothing
     ],
 )
-def test_modes_and_arming(base_mode: int, mode: int, expected: tuple[bool, bool, str]) -> None:
+def test_heartbeats_report_mode_and_arming(
+    base_mode: int, mode: int, expected: tuple[bool, bool, str]
+) -> None:
     (beat,) = received(heartbeat(base_mode, mode))
     assert isinstance(beat, Heartbeat)
     assert (beat.armed, beat.guided, beat.mode) == expected
 
 
-def test_a_battery_that_does_not_measure_says_so() -> None:
+def test_a_battery_without_measurement_is_reported_as_unknown() -> None:
     (battery,) = received(
         mavlink.MAVLink_battery_status_message(0, 0, 0, 0x7FFF, [0xFFFF] * 10, -1, -1, -1, -1)
     )

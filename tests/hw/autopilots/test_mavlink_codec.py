@@ -56,13 +56,13 @@ def test_a_damaged_byte_costs_its_own_message_only(at: int, flip: int) -> None:
     assert codec.counters["garbled bytes"] == len(second)
 
 
-def test_a_false_start_does_not_hold_messages_back() -> None:
+def test_a_false_start_byte_does_not_delay_messages() -> None:
     codec = MavlinkCodec(255, 190)
     # A marker and a length of 255: looks like a frame of 267 bytes that is still on its way.
     assert boot_times(codec.decode(b"\xfd\xff\x00" + frames(1)[0])) == [0]
 
 
-def test_what_looks_like_a_message_inside_one_still_on_its_way_is_none() -> None:
+def test_bytes_like_a_message_inside_an_incomplete_message_are_not_taken_for_one() -> None:
     # A text whose letters begin a frame of an unknown message, and that comes in two reads.
     inner = bytes((0xFD, 3, 0, 0, 0, 1, 1, 0xFE, 0xFF, 0xFF)) + b"abcde"
     text = mavlink.MAVLink_statustext_message(6, inner + b"." * 30)

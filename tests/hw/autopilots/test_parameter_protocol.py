@@ -66,7 +66,7 @@ def test_a_station_that_would_fetch_a_file_first_is_refused_at_once() -> None:
 
 
 @pytest.mark.parametrize(("component", "opcode"), [(1, 4), (0, 4), (191, 128), (191, 129)])
-def test_files_of_others_and_answers_are_none_of_its_business(component: int, opcode: int) -> None:
+def test_file_requests_to_others_and_answers_are_ignored(component: int, opcode: int) -> None:
     async def scene(f: Flight, tuned: ParameterSet) -> None:
         assert await open_file(f, component=component, opcode=opcode) == []
 
@@ -83,7 +83,9 @@ async def set_value(f: Flight, name: str, value: float, *, component: int = 191)
 
 
 @pytest.mark.parametrize("component", [0, 191])
-def test_the_list_is_whole_and_leaves_the_link_room(component: int) -> None:
+def test_the_list_of_parameters_is_complete_and_sent_no_faster_than_the_link_bears(
+    component: int,
+) -> None:
     async def scene(f: Flight, tuned: ParameterSet) -> None:
         f.client.send(mavlink.MAVLink_param_request_list_message(1, component))
         await asyncio.sleep(2.0)
@@ -100,7 +102,7 @@ def test_the_list_is_whole_and_leaves_the_link_room(component: int) -> None:
     fly(scene)
 
 
-def test_one_is_read_by_name_or_by_index() -> None:
+def test_a_parameter_is_read_by_name_or_by_index() -> None:
     async def scene(f: Flight, tuned: ParameterSet) -> None:
         f.client.send(mavlink.MAVLink_param_request_read_message(1, 191, b"RC_GATE_CH", -1))
         f.client.send(mavlink.MAVLink_param_request_read_message(1, 191, b"", 3))
@@ -173,7 +175,7 @@ def test_only_configured_ground_stations_are_obeyed() -> None:
     fly(scene, ground_stations=[254])
 
 
-def test_what_is_meant_for_others_is_left_to_them() -> None:
+def test_parameter_messages_for_other_components_are_ignored() -> None:
     async def scene(f: Flight, tuned: ParameterSet) -> None:
         await set_value(f, "PID_UP_KP", 1.1, component=154)
         await set_value(f, "WPNAV_SPEED", 500.0, component=0)

@@ -2,7 +2,7 @@ from hw.autopilots.boot_clock import WRAP_S
 from hw.autopilots.restart_detector import Boot, RestartDetector
 
 
-def test_what_goes_on_or_comes_late_is_of_the_same_boot() -> None:
+def test_boot_times_that_go_on_or_come_late_are_of_the_same_boot() -> None:
     detector = RestartDetector()
     assert [detector.hear(100.0 + s, s) for s in (0.0, 1.0, 0.5, 2.0)] == [Boot.SAME] * 4
 
@@ -16,7 +16,7 @@ def test_boot_times_that_went_back_twice_are_a_restart_and_an_answer_at_once() -
     assert detector.hear(0.5, 2.0, is_answer=True) is Boot.NEW
 
 
-def test_stamps_that_had_begun_anew_are_known_by_an_answer() -> None:
+def test_a_wrapped_boot_time_is_recognised_by_an_answer() -> None:
     detector = RestartDetector()
     detector.hear(100.0, 0.0)
     assert detector.hear(WRAP_S + 101.0, 1.0, is_answer=True) is Boot.WRAPPED

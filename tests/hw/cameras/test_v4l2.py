@@ -220,7 +220,7 @@ def test_the_format_of_least_work_that_is_fast_enough_is_taken() -> None:
     assert taken(60.0) == 64  # MJPG
 
 
-def test_controls_are_set_and_what_the_camera_makes_of_them_is_said() -> None:
+def test_controls_are_set_and_values_that_the_camera_changed_are_remarked_on() -> None:
     source = FakeCamera(
         ranges={
             fake.EXPOSURE_AUTO: Range(0, 3),
@@ -248,7 +248,7 @@ def test_controls_are_set_and_what_the_camera_makes_of_them_is_said() -> None:
     assert len(driver.remarks) == 3
 
 
-def test_automatic_exposure_and_focus_are_spoken_of() -> None:
+def test_automatic_exposure_and_focus_are_remarked_on() -> None:
     source = FakeCamera(
         ranges={fake.EXPOSURE_AUTO: Range(0, 3), fake.FOCUS_AUTO: Range(0, 1)},
         values={fake.FOCUS_AUTO: 1},
@@ -321,7 +321,7 @@ def test_half_a_jpeg_is_no_picture() -> None:
 @pytest.mark.parametrize(
     "after_end", [b"", b"\xff" * 5, b"\x12\x34", b"\xff\xd9\x55", b"\0" * 4096]
 )
-def test_what_comes_after_the_end_of_a_jpeg_is_no_part_of_it(after_end: bytes) -> None:
+def test_bytes_after_the_end_of_a_jpeg_are_ignored(after_end: bytes) -> None:
     source = FakeCamera(
         [Mode("MJPG", 64, 48, 30.0)], sends=lambda jpeg: jpeg.rstrip(b"\0") + after_end
     )
@@ -567,7 +567,7 @@ def test_an_order_sets_exposure_and_gain_by_hand() -> None:
     run(source, use)
 
 
-def test_what_whole_units_of_exposure_lose_gain_makes_up_for() -> None:
+def test_gain_compensates_an_exposure_rounded_to_whole_units() -> None:
     source = FakeCamera(ranges=ADJUSTABLE)
 
     async def use(driver: V4l2Camera) -> None:
@@ -638,7 +638,7 @@ def test_a_camera_that_comes_back_exposes_as_it_was_ordered() -> None:
     run(source, use)
 
 
-def test_a_camera_that_takes_no_orders_is_spoken_of_and_goes_on() -> None:
+def test_a_camera_that_refuses_orders_is_remarked_on_and_goes_on() -> None:
     source = FakeCamera()
 
     async def use(driver: V4l2Camera) -> None:

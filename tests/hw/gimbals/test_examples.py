@@ -11,7 +11,7 @@ EXAMPLES = sorted((config_dir() / "gimbals").glob("*.yaml"))
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_example(example: Path) -> None:
+def test_every_example_of_a_gimbal_can_be_read_and_has_no_remarks(example: Path) -> None:
     loaded = read_configuration(config_dir() / "default.yaml", overlays=[example], overrides=[])
     assert loaded.remarks == ()
     assert f"gimbal.{loaded.config.gimbal.driver}" in loaded.options

@@ -102,7 +102,9 @@ def degrees(pitch: float | None) -> float:
         ((-8102, -1212, -1000), -97.0),  # beyond straight down, and a little to the left
     ],
 )
-def test_an_mpu6050_at_rest(force: tuple[int, int, int], pitch: float) -> None:
+def test_an_mpu6050_at_rest_reports_the_angles_of_gravity(
+    force: tuple[int, int, int], pitch: float
+) -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
         await imu.open()  # type: ignore[attr-defined]
         sensor.data = mpu(*force)
@@ -115,7 +117,7 @@ def test_an_mpu6050_at_rest(force: tuple[int, int, int], pitch: float) -> None:
     assert set(sensor.read_at) == {(0x68, 0x3B, 14)}
 
 
-def test_its_gyroscope_carries_the_angle_and_its_error_is_learnt() -> None:
+def test_the_angle_follows_the_gyroscope_whose_bias_is_learnt() -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
         await imu.open()  # type: ignore[attr-defined]
         wrong = (98, -131, 66)  # 1.5, -2, 1 degrees/s
@@ -131,7 +133,7 @@ def test_its_gyroscope_carries_the_angle_and_its_error_is_learnt() -> None:
     with_imu(ImuOptions(kind="mpu6050"), {0x75: 0x68}, scene)
 
 
-def test_nothing_is_told_before_it_was_still_for_a_moment() -> None:
+def test_no_angle_is_reported_before_the_sensor_was_still_for_a_moment() -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
         await imu.open()  # type: ignore[attr-defined]
         for i in range(200):
@@ -206,7 +208,7 @@ def test_a_short_acceleration_hardly_moves_the_horizon_and_a_false_one_is_found_
     with_imu(ImuOptions(kind="mpu6050"), {0x75: 0x68}, scene)
 
 
-def test_a_bno055_tells_it_itself() -> None:
+def test_a_bno055_reports_its_own_angles() -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
         await imu.open()  # type: ignore[attr-defined]
         sensor.data = words("<", 0, 0, 0)
@@ -219,7 +221,7 @@ def test_a_bno055_tells_it_itself() -> None:
     assert set(sensor.read_at) == {(0x29, 0x2E, 6)}
 
 
-def test_a_sensor_that_sits_another_way_round() -> None:
+def test_a_sensor_mounted_another_way_round_reports_the_same_angles() -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
         await imu.open()  # type: ignore[attr-defined]
         sensor.data = words("<", 981, 0, 0)  # its x away from the ground: the picture's top

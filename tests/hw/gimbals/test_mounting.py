@@ -23,7 +23,7 @@ def mounting(**options: object) -> Mounting:
     pitch_sign=st.sampled_from([1, -1]),
     zero=st.floats(-20.0, 20.0),
 )
-def test_what_is_ordered_is_what_is_reported(
+def test_an_order_passed_through_the_mounting_is_reported_unchanged(
     yaw: float, pitch: float, yaw_sign: int, pitch_sign: int, zero: float
 ) -> None:
     mount = mounting(
@@ -36,7 +36,7 @@ def test_what_is_ordered_is_what_is_reported(
     assert (state.yaw, state.pitch) == pytest.approx((yaw, pitch), abs=1e-9)
 
 
-def test_a_gimbal_that_turns_the_other_way() -> None:
+def test_a_gimbal_with_a_negative_sign_turns_the_other_way() -> None:
     mount = mounting(yaw_sign=-1, yaw_zero_deg=7.0)
     device = mount.order(GimbalCommand(math.radians(17.0), 0.0))
     assert device is not None

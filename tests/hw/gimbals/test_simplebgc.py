@@ -13,12 +13,12 @@ from landerd.ports import DeviceLost, Gimbal
 from tests.hw.gimbals.talk import answered, run_with
 
 
-def test_crc_of_a_published_frame() -> None:
+def test_crc_is_that_of_a_published_frame() -> None:
     # The same CRC is that of Microchip's ATECC508A; its well-known "get info" has this one.
     assert crc16(bytes.fromhex("0730000000")) == 0x5D03
 
 
-def test_crc_by_hand() -> None:
+def test_crc_is_that_computed_by_hand() -> None:
     # One bit set, shifted in first: 0x8005 after one step, then fifteen of x^16 + x^15 + x^2 + 1.
     assert crc16(b"\x80") == 0x8005
     assert crc16(b"\x40") == 0x800F  # 0x8005 << 1 = 0x1000A: ^ 0x18005

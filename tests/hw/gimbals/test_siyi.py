@@ -96,7 +96,7 @@ def test_stops_the_motors_when_angles_stay_away_and_when_closed() -> None:
     run_with(lambda link: SiyiGimbal(SiyiOptions(), link), scene)
 
 
-def test_takes_answers_only() -> None:
+def test_ignores_frames_that_are_no_answers() -> None:
     async def scene(gimbal: Gimbal, far: MemoryLink) -> None:
         request = encode(1, 7, 0x0D, struct.pack("<6h", 100, 0, 0, 0, 0, 0))
         other = encode(2, 7, 0x0A, bytes(12))

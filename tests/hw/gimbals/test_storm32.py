@@ -22,7 +22,7 @@ def x25(data: bytes) -> int:
     return crc
 
 
-def test_checksum_of_the_catalogue() -> None:
+def test_checksum_is_that_of_the_crc_catalogue() -> None:
     # CRC-16/MCRF4XX of "123456789" is 0x6F91.
     assert x25(b"123456789") == 0x6F91
 

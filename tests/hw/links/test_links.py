@@ -195,7 +195,7 @@ def test_tcp_both_ways_and_the_loss_of_the_peer() -> None:
     run(scene)
 
 
-def test_who_else_connects_does_not_cut_the_autopilot_that_speaks() -> None:
+def test_a_second_connection_does_not_cut_that_of_the_autopilot() -> None:
     """Any stranger's connect ended its connection, and he was sent the set-points."""
 
     async def scene() -> None:
@@ -325,7 +325,7 @@ def test_another_program_that_reads_the_port_too_is_not_taken_for_a_lost_device(
     run(scene)
 
 
-def test_a_kernel_that_takes_its_time_with_a_serial_port_holds_nobody_up(
+def test_a_serial_port_slow_to_open_or_close_does_not_block_the_loop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As one does for half a minute whose device takes no bytes."""
@@ -531,7 +531,7 @@ def test_a_flood_delays_a_slow_wire_by_no_more_than_its_buffer_holds() -> None:
     run_virtual(scene())
 
 
-def test_why_there_is_no_connection_is_said_in_words() -> None:
+def test_the_reason_for_a_missing_connection_is_given_in_words() -> None:
     async def why(url: str) -> str:
         with pytest.raises(DeviceLost) as e:
             await open_link(url).open()

@@ -76,7 +76,7 @@ def test_places_on_earth_become_local(tmp_path: Path) -> None:
 
 
 @BOTH
-def test_what_is_missing_is_named(write: Write, boot_s: float, tmp_path: Path) -> None:
+def test_missing_records_are_named(write: Write, boot_s: float, tmp_path: Path) -> None:
     path = write(tmp_path / "a", skip=("ATT", "ATTITUDE"))
     with pytest.raises(TelemetryError, match=r"a: no attitude \(ATT, ATTITUDE\) in it"):
         read_telemetry(path)
@@ -139,7 +139,7 @@ def test_rates_are_those_of_the_flight_and_not_of_the_time_disarmed(tmp_path: Pa
     assert telemetry.attitude.rate_hz(((telemetry.start, telemetry.end),)) < 2.0
 
 
-def test_a_gap_is_no_slow_rate_but_known_as_missing() -> None:
+def test_a_gap_does_not_count_in_the_rate_but_as_missing() -> None:
     track = Track()
     for i in [*range(100), *range(400, 500)]:
         track.add(0.1 * i, (0.0,))

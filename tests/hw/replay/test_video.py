@@ -69,7 +69,7 @@ def test_pictures_that_are_none_or_of_another_size_are_refused(tmp_path: Path) -
     assert re.match("f-1.0.png: cannot be read: Is a directory", refused(tmp_path))
 
 
-def test_a_camera_that_was_held_another_way_has_the_same_calibration(tmp_path: Path) -> None:
+def test_a_jpeg_is_not_rotated_by_its_orientation_tag(tmp_path: Path) -> None:
     """EXIF tells viewers to turn the picture; principal point and distortion do not turn."""
     _, jpeg = cv2.imencode(".jpg", GREY)
     exif = b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06" + bytes(7)

@@ -83,7 +83,7 @@ def test_pitch_may_stand_further_beside_than_yaw() -> None:
     run_device(scenario, SimGimbalOptions(pitch_bias_deg=3.0, noise_deg=0.0))
 
 
-def test_faults() -> None:
+def test_faults_freeze_corrupt_silence_or_lose_the_gimbal() -> None:
     async def scenario(w: World, gimbal: SimGimbal) -> None:
         before = await gimbal.state()
         gimbal.fault = GimbalFault.FROZEN
