@@ -751,7 +751,7 @@ MUTANTS = [
         "await _catch_up(self.monitor.woke(due))",
         "self.monitor.woke(due)",
         "simulation/test_fault_defects.py"
-        "::test_what_arrived_during_a_stall_is_read_before_anything_is_decided",
+        "::test_messages_that_arrived_during_a_stall_are_read_before_the_next_decision",
     ),
     Mutant(
         "5: the clock's uncertainty is no age",
@@ -1153,14 +1153,14 @@ MUTANTS = [
         "return None if is_told and is_seen is False else is_seen",
         "return is_seen if ring in self._headings else None",
         "vision/test_plate_check.py::"
-        "test_of_a_pad_of_one_ring_what_is_small_and_round_without_its_plate_is_none",
+        "test_a_small_ring_without_the_plate_is_not_taken_for_a_pad_of_one_ring",
     ),
     Mutant(
         "2: takes a wheel for a ring",
         "landerd/vision/ring_explained.py",
         "if is_ring and is_even and",
         "if is_ring and",
-        "vision/test_plate_check.py::test_nor_is_a_wheel_whose_hub_is_darker_than_what_is_around",
+        "vision/test_plate_check.py::test_a_wheel_with_a_hub_darker_than_its_surroundings_is_not_the_pad",
     ),
     Mutant(
         "vision: dirt darker than faded ink hides a tag",
@@ -1175,7 +1175,7 @@ MUTANTS = [
         "landerd/vision/ring_explained.py",
         "(inner < _EVEN * outer and not is_ring_by_edges(e))",
         "inner < _EVEN * outer",
-        "vision/test_ring_match.py::test_nor_where_dirt_covers_some_of_its_hole_besides",
+        "vision/test_ring_match.py::test_a_hard_shadow_with_dirt_on_the_hole_does_not_hide_a_far_ring",
     ),
     Mutant(
         "5: believes a velocity that jumps as none can",
@@ -1189,14 +1189,14 @@ MUTANTS = [
         "landerd/vision/plate_heading.py",
         "if not self._is_another(image, camera, t, north):",
         "if True:",
-        "vision/test_plate_heading.py::test_a_plate_with_another_code_on_it_tells_none",
+        "vision/test_plate_heading.py::test_a_plate_with_another_code_on_it_gives_no_heading",
     ),
     Mutant(
         "2: on snow a ring beside another pad's code is taken for the pad's",
         "landerd/vision/plate_heading.py",
         "return not self._is_another(image, camera, t, axes @ rotation_2d(float(self.angles[k])))",
         "return True",
-        "vision/test_plate_check.py::test_there_another_code_beside_it_tells_that_it_is_not",
+        "vision/test_plate_check.py::test_on_ground_as_bright_as_the_plate_a_ring_beside_another_code_is_not_the_pad",
     ),
     Mutant(
         "2: things that move through the picture keep the pad from being looked for",
@@ -1204,7 +1204,7 @@ MUTANTS = [
         "return self._has_more() and self._turns[self.part] < _MOST_TURNS",
         "return self._has_more()",
         "vision/test_ring_work.py::"
-        "test_what_is_always_new_does_not_keep_the_other_parts_from_their_turn_for_ever",
+        "test_new_outlines_in_every_image_do_not_keep_the_other_parts_of_a_search_waiting",
     ),
     Mutant(
         "2: takes a ring for the pad's whose surroundings are white at any heading",
@@ -1212,7 +1212,7 @@ MUTANTS = [
         "return leads and float(seen.max()) > _LEAST_STANDS_OUT",
         "return float(seen.max()) > _LEAST_STANDS_OUT",
         "vision/test_plate_check.py::"
-        "test_nor_is_the_middle_of_a_target_with_white_and_black_all_round_it",
+        "test_the_middle_of_a_target_of_white_and_black_rings_is_not_the_pad",
     ),
     Mutant(
         "2: takes a ring for the pad's though its heading is only its plate's",
@@ -1220,7 +1220,7 @@ MUTANTS = [
         "return not self._was_read or prior.pad is None or prior.pad.north is None",
         "return prior.pad is None or prior.pad.north is None",
         "vision/test_plate_heading.py::"
-        "test_while_it_is_known_by_the_plate_alone_a_ring_must_still_have_a_plate",
+        "test_while_the_heading_is_known_by_the_plate_alone_a_ring_without_a_plate_is_refused",
     ),
     Mutant(
         "1b: one boot time that does not fit is a restart",

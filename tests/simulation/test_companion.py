@@ -11,7 +11,7 @@ from landerd.simulation.companion import Companion
 PERIOD_S = 0.025
 
 
-def test_two_stalls_are_never_one() -> None:
+def test_two_stalls_never_merge_into_one() -> None:
     companion = Companion(CompanionOptions(stall_s=0.1, stall_every_s=0.2), Random(1))
     turns: list[float] = []
 

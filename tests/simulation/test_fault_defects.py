@@ -82,7 +82,9 @@ async def until_its_end(simulation: Simulation) -> None:
 
 
 @pytest.mark.parametrize(("fault", "speed_mps", "seed"), MENDED)
-def test_it_keeps_the_rules(fault: str, speed_mps: float, seed: int) -> None:
+def test_defects_found_by_faults_and_mended_break_no_rule_any_more(
+    fault: str, speed_mps: float, seed: int
+) -> None:
     settings = [*START, f"sim.faults=[{fault}]", f"sim.pad.speed_mps={speed_mps}"]
     simulation = fly(until_its_end, overrides=settings, longest_s=25.0, seed=seed)
     assert simulation.faults.happened[0].began is not None
@@ -90,7 +92,9 @@ def test_it_keeps_the_rules(fault: str, speed_mps: float, seed: int) -> None:
 
 
 @pytest.mark.parametrize("height_m", [2.5, 2.9])
-def test_what_arrived_during_a_stall_is_read_before_anything_is_decided(height_m: float) -> None:
+def test_messages_that_arrived_during_a_stall_are_read_before_the_next_decision(
+    height_m: float,
+) -> None:
     said: list[str] = []
 
     class Reasons(Observer):

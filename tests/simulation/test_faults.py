@@ -40,7 +40,9 @@ def broken(simulation: Simulation) -> set[str]:
         ("{height_m: 0}", "LANDED", 0.0),
     ],
 )
-def test_it_begins_when_it_is_to(at: str, phase: str | None, high: float | None) -> None:
+def test_a_fault_begins_at_its_time_phase_or_height(
+    at: str, phase: str | None, high: float | None
+) -> None:
 
     async def until_it_ended(simulation: Simulation) -> None:
         while simulation.faults.happened[0].ended is None:
@@ -67,7 +69,7 @@ def test_a_process_that_is_killed_lands_after_its_restart_once_the_switch_was_lo
     assert broken(simulation) == set()
 
 
-def test_told_to_stop_while_it_is_not_there_it_is_not_started_again() -> None:
+def test_a_killed_process_that_is_told_to_stop_is_not_restarted() -> None:
     at = "at: {phase: DESCENT"
     simulation = flown(f"{{fault: killed, {at}}}}}, {{fault: sigterm, {at}, after_s: 0.5}}}}")
     killed, stopped = simulation.faults.happened
@@ -94,7 +96,7 @@ def test_a_pad_that_jerks_out_of_the_picture_after_commit_is_not_sunk_onto() -> 
 
 
 @pytest.mark.parametrize(("pad_mps", "is_out"), [(0.0, False), (5.0, True)])
-def test_a_pad_drives_out_of_reach_while_landerd_is_started_again(
+def test_a_pad_that_drives_off_while_landerd_restarts_counts_as_out_of_reach(
     pad_mps: float, is_out: bool
 ) -> None:
     async def until_it_is_out(simulation: Simulation) -> None:
@@ -164,7 +166,7 @@ def test_a_search_that_hangs_is_given_up() -> None:
     assert broken(simulation) == set()
 
 
-def test_what_nobody_can_keep_is_excused_for_as_long_as_it_lasts() -> None:
+def test_a_rule_that_a_fault_makes_impossible_to_keep_is_excused_while_it_lasts() -> None:
     stalls = "{fault: loop-stalls, at: {phase: DESCENT}, severity: 0.3}"
     simulation = flown(stalls, script=until_soon_after)
     late = "3: set-points less often than 20 Hz"
@@ -176,14 +178,14 @@ def test_what_nobody_can_keep_is_excused_for_as_long_as_it_lasts() -> None:
     assert not simulation.faults.excuses("2: a downward set-point", note.began + 1.0)
 
 
-def test_a_heading_seen_through_a_gimbal_that_slips_is_not_landerds() -> None:
+def test_an_error_of_heading_by_a_slipping_gimbal_is_not_blamed_on_landerd() -> None:
     off = "2: a downward set-point with the heading off"
     for fault in ("gimbal-offset", "gimbal-slipping"):
         assert any(off.startswith(words) for words in FAULTS[fault].excuses)
     assert not FAULTS["gimbal-stuck"].excuses
 
 
-def test_what_a_gust_does_to_the_airframe_at_once_is_not_landerds() -> None:
+def test_the_acceleration_by_a_gust_is_not_blamed_on_landerd() -> None:
     simulation = flown("{fault: gust, at: {time_s: 1.0}, for_s: 1, severity: 1}")
     assert broken(simulation) == set()
     assert simulation.score.landed
@@ -212,7 +214,7 @@ def test_an_air_cushion_over_the_pad_is_not_taken_for_contact() -> None:
 
 
 @pytest.mark.parametrize("fault", ["attitude-frozen", "position-frozen", "pictures-frozen"])
-def test_what_repeats_itself_with_new_times_is_not_flown_on(fault: str) -> None:
+def test_frozen_telemetry_and_pictures_with_new_times_break_the_landing_off(fault: str) -> None:
     """Frozen, the attitude made it swing up to 9 m off, and a picture drew it 17 m sideways."""
     frozen = f"{{fault: {fault}, at: {{phase: DESCENT, after_s: 1}}, for_s: 4}}"
     simulation = flown(frozen, script=until_soon_after)

@@ -32,13 +32,13 @@ def test_the_core_believes_the_calibration_and_the_world_has_its_own_lens() -> N
         assert (true.cx, true.cy) == (believed.cx + 3.0, believed.cy - 2.0)
 
 
-def test_they_share_no_object_even_where_they_agree() -> None:
+def test_judge_and_core_share_no_camera_object() -> None:
     flight = simulation()
     assert flight._judge._frustum.camera == flight.camera_model
     assert flight._judge._frustum.camera is not flight.camera_model
 
 
-def test_how_a_mode_of_the_autopilots_own_flies_is_not_landerds_though_no_heartbeat_tells() -> None:
+def test_flight_in_an_autopilots_mode_is_not_blamed_on_landerd_even_without_heartbeats() -> None:
     unheard = "{fault: heartbeat-lost, at: {phase: DESCENT}}"
     home = "{fault: mode-rtl, at: {phase: DESCENT, after_s: 0.5}}"
     flight = fly(overrides=[*ABOVE, f"sim.faults=[{unheard}, {home}]"], longest_s=8.0)

@@ -73,7 +73,9 @@ def test_times_count_from_the_first_sighting_and_breaks_from_the_beginning() -> 
     assert result["rules_broken"] == ["2: too deep (at 1.50 s)"]
 
 
-def test_what_ends_at_contact_is_judged_there_and_a_late_one_says_why() -> None:
+def test_a_flight_without_landing_in_time_names_its_phase_and_one_to_contact_counts_as_landed() -> (
+    None
+):
     flight = dataclasses.replace(flown(), timed_out=True)
     assert result_of(flight, "hover", 1)["outcome"].startswith("not landed in 20 s: NOT_LANDING, ")
     flight = dataclasses.replace(flown(), ends_at_contact=True)
@@ -82,7 +84,7 @@ def test_what_ends_at_contact_is_judged_there_and_a_late_one_says_why() -> None:
     assert (result["landed"], result["outcome"]) == (True, "touched down")
 
 
-def test_a_refused_sighting_counts_as_the_gate_at_most() -> None:
+def test_a_refused_sighting_counts_in_nis_at_most_as_the_gate() -> None:
     flight = flown()
     flight.recording.nis += [3.0, 3.0, 3.0, 100.0]
     result = result_of(flight, "hover", 1)
@@ -90,7 +92,7 @@ def test_a_refused_sighting_counts_as_the_gate_at_most() -> None:
     assert result["refused_percent"] == 25.0
 
 
-def test_how_far_off_it_was_held_is_told_where_it_was() -> None:
+def test_the_result_has_the_error_of_holding_if_the_flight_held() -> None:
     flight = flown()
     assert result_of(flight, "moving", 1)["hold_error_m_p95"] is None
     flight.recording.hold_errors_m += [0.01] * 96 + [0.5] * 4

@@ -100,7 +100,7 @@ def test_a_covered_pad_is_not_seen() -> None:
     assert not any(s.markers for f, s in watcher.frames if f.t > 1.1)
 
 
-def test_what_is_black_in_a_picture_hides_what_would_be_there() -> None:
+def test_with_modelled_sight_black_areas_of_a_picture_hide_markers() -> None:
     simulation, watcher = watched(longest_s=2.0)
     frame, sightings = watcher.frames[-1]
     assert sightings.pad

@@ -138,7 +138,7 @@ def test_the_pilot_takes_over_in_the_descent(by_mode: bool, limit_s: float) -> N
     assert simulation.world.vehicle.motors
 
 
-def test_the_stand_in_answers_as_it_does() -> None:
+def test_the_stand_in_responds_to_orders_as_sitl_does() -> None:
     # 20 ms, which a loaded machine is late by, are a tenth of a yaw step. From 4.6 on an ordered
     # yaw rate is overshot by a fifth, by the 4.5.7 that the stand-in was fitted to by half.
     differences = compare(URL)

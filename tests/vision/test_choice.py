@@ -41,7 +41,7 @@ def candidate(ring: Ring, distance: float) -> Candidate:
     )
 
 
-def test_a_ring_is_not_taken_for_one_beside_which_another_would_be_seen_whatever_its_tilt() -> None:
+def test_a_ring_is_not_taken_for_the_one_of_two_whose_neighbour_would_be_in_view() -> None:
     # Far off and the large one, or near and the small one? Far off both would be wholly in the
     # image, near the large one is not.
     far, near = candidate(LARGE, 3.0), candidate(SMALL, 0.6)
@@ -62,7 +62,7 @@ def wobbling(image: U8, period: float, phase: float) -> U8:
 
 
 @pytest.mark.parametrize("seed", [4, 7, 12, 14, 16, 20])
-def test_a_ring_is_not_given_up_for_a_tag_that_rows_which_wobble_have_bent(seed: int) -> None:
+def test_a_ring_is_not_given_up_for_a_tag_bent_by_a_wobbling_rolling_shutter(seed: int) -> None:
     """By the tag alone the pad was 0.2 to 0.5 m off, with a sigma of 5 cm."""
     rng = np.random.default_rng([3, seed])
     towards, heading = rng.uniform(0.0, 2.0 * math.pi, 2)

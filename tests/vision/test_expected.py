@@ -61,12 +61,12 @@ def test_the_estimates_prediction_goes_before_what_was_seen() -> None:
     assert (found.sigma_m, found.margin_px) == (0.3, 4.0)
 
 
-def test_one_not_believed_in_yet_is_looked_for_where_it_is_predicted() -> None:
+def test_a_pad_not_yet_believed_is_searched_for_where_it_is_predicted() -> None:
     pad = PadPrior(position=(1.0, 2.0, 6.0), sigma_m=0.3, north=NORTH, normal=DOWN)
     assert expected(10.1, Prior(maybe=pad)).position.tolist() == [1.0, 2.0, 6.0]
 
 
-def test_what_the_prediction_leaves_open_comes_from_gravity_then_from_what_was_seen() -> None:
+def test_a_prediction_without_normal_takes_gravitys_or_else_that_last_seen() -> None:
     pad = PadPrior(position=(0.0, 3.0, 4.0), sigma_m=0.3, north=None)
     level = expected(10.1, Prior(down=DOWN, pad=pad))
     assert level.normal.tolist() == list(DOWN)

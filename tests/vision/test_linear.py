@@ -29,14 +29,14 @@ def test_inverses_and_solutions_are_numpys(n: int, size: float) -> None:
 
 
 @pytest.mark.parametrize("n", [2, 3, 6])
-def test_a_singular_matrix_has_neither(n: int) -> None:
+def test_a_singular_matrix_has_no_inverse_and_no_solution(n: int) -> None:
     with pytest.raises(np.linalg.LinAlgError):
         inverse(np.zeros((n, n)))
     with pytest.raises(np.linalg.LinAlgError):
         solved(np.zeros((n, n)), np.ones(n))
 
 
-def test_a_matrix_is_what_its_axes_and_their_values_make_of_it() -> None:
+def test_a_matrix_is_the_product_of_its_eigenvectors_and_eigenvalues() -> None:
     matrix = _regular(5, 1e-6)
     values, axes = eigen(matrix)
     assert (np.diff(values) <= 0.0).all()

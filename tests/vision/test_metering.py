@@ -71,7 +71,7 @@ def test_the_sky_is_not_the_ground_where_gravity_is_known() -> None:
     assert light.clipped > 0.3
 
 
-def test_a_far_pad_that_is_blown_out_is_told() -> None:
+def test_a_far_overexposed_pad_counts_in_the_clipped_share() -> None:
     image = np.full((480, 640), 60, np.uint8)
     vision = Vision(THESIS_PAD, CAMERA, VisionSection(), meters=True)
     plain = vision.process(Frame(0.0, 0, image)).light
@@ -83,7 +83,7 @@ def test_a_far_pad_that_is_blown_out_is_told() -> None:
     assert glaring.clipped == pytest.approx(16 * 12 / image.size, rel=0.1)
 
 
-def test_nobody_is_told_who_does_not_ask() -> None:
+def test_the_brightness_is_measured_only_if_asked_for() -> None:
     vision = Vision(THESIS_PAD, CAMERA, VisionSection())
     image = np.full((480, 640), 90, np.uint8)
     assert vision.process(Frame(0.0, 0, image)).light is None

@@ -35,7 +35,7 @@ def test_a_pad_whose_tag_has_another_id_is_not_taken_for_the_pad(distance: float
     assert {seen.other_id for seen in own} == {None}
 
 
-def test_nor_in_a_picture_that_does_not_show_the_id_just_after_one_that_did() -> None:
+def test_after_another_id_was_read_the_pad_is_not_taken_in_a_smeared_picture() -> None:
     clear, *_ = pictures(OTHER, 3.0)
     _, smeared, *_ = pictures(OTHER, 3.0, SMEARED)
     prior = Prior(pad=PadPrior(at(3.0).position, 0.05, None))

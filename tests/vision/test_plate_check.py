@@ -73,7 +73,7 @@ SNOW = Plate(north_m=30.0, south_m=30.0, east_m=30.0, west_m=30.0)
 @pytest.mark.parametrize(
     ("distance", "heading"), [(10.0, 0.3), (13.0, 2.5), (15.0, 0.3), (15.0, 2.5)]
 )
-def test_on_ground_as_bright_as_the_plate_the_tag_beside_it_tells_the_pad(
+def test_on_ground_as_bright_as_the_plate_the_pad_is_known_by_the_tag_beside_the_ring(
     distance: float, heading: float
 ) -> None:
     noisy = Optics(noise=4.0)
@@ -83,13 +83,15 @@ def test_on_ground_as_bright_as_the_plate_the_tag_beside_it_tells_the_pad(
 
 
 @pytest.mark.parametrize("distance", [3.0, 5.0])
-def test_there_another_code_beside_it_tells_that_it_is_not(distance: float) -> None:
+def test_on_ground_as_bright_as_the_plate_a_ring_beside_another_code_is_not_the_pad(
+    distance: float,
+) -> None:
     on_snow = UNREADABLE.model_copy(update={"plate": SNOW})
     assert not is_seen(on_snow, view(distance, 0.3), Optics())
 
 
 @pytest.mark.parametrize("seed", [3, 11, 16, 18, 22])
-def test_nor_at_the_pictures_edge_one_beside_which_what_is_in_view_is_not_white(seed: int) -> None:
+def test_a_ring_at_the_pictures_edge_without_white_beside_it_is_not_the_pad(seed: int) -> None:
     rng = np.random.default_rng([9, seed])
     distance = rng.uniform(8.0, 20.0)
     at = look(
@@ -115,7 +117,7 @@ def test_nor_at_the_pictures_edge_one_beside_which_what_is_in_view_is_not_white(
     ("distance", "pixel"),
     [(4.6, (25.0, 200.0)), (5.5, (520.0, 471.0)), (9.5, (380.0, 15.0))],
 )
-def test_nor_is_a_hoop_that_the_pictures_edge_cuts(
+def test_a_hoop_that_the_pictures_edge_cuts_is_not_the_pad(
     distance: float, pixel: tuple[float, float]
 ) -> None:
     """It has bright ground within and about it, of the pad's ratio, and no plate."""
@@ -136,7 +138,7 @@ def test_nor_is_a_hoop_that_the_pictures_edge_cuts(
 
 @pytest.mark.parametrize("margin_m", [0.52, 0.56])
 @pytest.mark.parametrize("distance", [6.0, 12.0, 20.0])
-def test_nor_is_one_whose_margin_is_too_narrow_to_look_white(
+def test_a_ring_with_a_margin_too_narrow_to_look_white_is_not_the_pad(
     distance: float, margin_m: float
 ) -> None:
     plate = Plate(north_m=margin_m, south_m=margin_m, east_m=margin_m, west_m=margin_m)
@@ -166,14 +168,14 @@ def test_a_shadow_across_the_pad_does_not_hide_its_plate(distance: float) -> Non
     assert not is_seen_half_in_shadow(BARE, distance)
 
 
-def test_nor_does_a_deep_one_that_leaves_the_plates_edge_in_the_sun() -> None:
+def test_a_deep_shadow_that_leaves_the_plates_edge_in_the_sun_does_not_hide_its_plate() -> None:
     deep = Shadow(0.1, (298.6, 237.5), (math.cos(5.0), math.sin(5.0)))
     assert is_seen_half_in_shadow(UNREADABLE, 15.0, deep, noise=1.0)
     assert not is_seen_half_in_shadow(BARE, 15.0, deep, noise=1.0)
 
 
 @pytest.mark.parametrize("distance", [12.0, 15.0])
-def test_nor_does_one_where_the_tag_is_faded_away(distance: float) -> None:
+def test_a_shadow_does_not_hide_the_plate_of_a_pad_whose_tag_is_faded_away(distance: float) -> None:
     faded = PadLayout(name="faded", markers=(RING,), plate=THESIS_PAD.plate)
     assert is_seen_half_in_shadow(faded, distance)
 
@@ -291,7 +293,9 @@ def test_the_pad_is_seen_out_of_focus_on_ground_nearly_as_bright(ground: float) 
 
 
 @pytest.mark.parametrize("distance", [10.0, 14.0])
-def test_where_all_is_blown_out_what_is_left_of_a_print_tells_the_pad(distance: float) -> None:
+def test_in_an_overexposed_picture_the_pad_is_known_by_what_is_left_of_its_tag(
+    distance: float,
+) -> None:
     """White and ground are over full scale, as are the white cells of the tag's."""
 
     def is_seen_blown_out(painted: PadLayout) -> bool:
@@ -305,7 +309,7 @@ def test_where_all_is_blown_out_what_is_left_of_a_print_tells_the_pad(distance: 
     assert not is_seen_blown_out(BARE)
 
 
-def test_where_all_is_blown_out_a_pad_whose_prints_are_out_of_the_picture_is_seen() -> None:
+def test_in_an_overexposed_picture_a_pad_whose_tag_is_out_of_it_is_seen() -> None:
     """Its plate's edge is as white as the ground: nothing says that it lacks one."""
     at = look(THESIS_CAMERA, 2.2, 0.4, pixel=(160.0, 80.0), heading=4.5)
     soft = Optics(background="plain")
@@ -353,7 +357,9 @@ def test_a_shadow_over_a_part_of_the_pad_is_no_reason_to_refuse_its_ring(turn: f
 
 
 @pytest.mark.parametrize(("distance", "heading"), [(6.0, 1.3), (10.0, 2.5), (13.0, 2.5)])
-def test_nor_is_one_over_most_of_its_plate(distance: float, heading: float) -> None:
+def test_a_shadow_over_most_of_the_plate_is_no_reason_to_refuse_its_ring(
+    distance: float, heading: float
+) -> None:
     at = look(THESIS_CAMERA, distance, 0.4, pixel=(300.0, 230.0), heading=heading)
     to_tag = np.array(at.R_camera_pad)[:, :2] @ THESIS_PAD.squares[0].position_m
     ring, tag = THESIS_CAMERA.pixels(np.array([at.position, at.position + to_tag]))
@@ -366,7 +372,7 @@ def test_nor_is_one_over_most_of_its_plate(distance: float, heading: float) -> N
     assert any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(5))
 
 
-def test_a_ring_by_itself_is_what_it_should_be_for_a_pad_of_one_ring() -> None:
+def test_a_pad_of_one_ring_is_seen_by_its_ring() -> None:
     at = view(5.0, 0.3)
     image = render(at, IDEAL_CAMERA, Optics(), np.random.default_rng(2), BARE)
     assert Vision(BARE, IDEAL_CAMERA, VisionSection()).process(Frame(0.0, 0, image)).pad
@@ -383,12 +389,14 @@ def tag(half_side_m: float) -> PadLayout:
 
 
 @pytest.mark.parametrize(("half_side_m", "distance"), [(0.42, 11.0), (0.36, 11.0)])
-def test_nor_is_a_blurred_tag_on_a_plate_of_its_own(half_side_m: float, distance: float) -> None:
+def test_a_blurred_tag_on_a_plate_of_its_own_is_not_the_pad(
+    half_side_m: float, distance: float
+) -> None:
     blurred = Optics(background="grass", blur_px=2.0)
     assert not is_seen(tag(half_side_m), view(distance, 0.0), blurred)
 
 
-def test_nor_is_one_with_white_alike_on_four_sides() -> None:
+def test_a_ring_with_equal_white_on_four_sides_is_not_the_pad() -> None:
     """As the corners of a small square plate, blurred, stand out beyond a tag's black frame."""
     ring = THESIS_PAD.rings[0]
     distance = 15.0
@@ -413,7 +421,7 @@ def test_nor_is_one_with_white_alike_on_four_sides() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 5])
-def test_nor_is_the_middle_of_a_target_with_white_and_black_all_round_it(seed: int) -> None:
+def test_the_middle_of_a_target_of_white_and_black_rings_is_not_the_pad(seed: int) -> None:
     ring = THESIS_PAD.rings[0]
     y, x = np.mgrid[:480, :640]
     away = np.hypot(x - 350.0, (y - 200.3) / 0.7) / 6.0
@@ -484,7 +492,7 @@ def is_taken(image: U8) -> bool:
 
 
 @pytest.mark.parametrize("radius_px", [7.0, 9.0, 12.0])
-def test_of_a_pad_of_one_ring_what_is_small_and_round_without_its_plate_is_none(
+def test_a_small_ring_without_the_plate_is_not_taken_for_a_pad_of_one_ring(
     radius_px: float,
 ) -> None:
     assert is_taken(round_thing(radius_px, plate=175.0))
@@ -496,7 +504,7 @@ def test_a_larger_ring_is_taken_on_ground_as_bright_as_its_plate() -> None:
 
 
 @pytest.mark.parametrize("radius_px", [10.0, 13.0, 17.0])
-def test_nor_is_a_wheel_whose_hub_is_darker_than_what_is_around(radius_px: float) -> None:
+def test_a_wheel_with_a_hub_darker_than_its_surroundings_is_not_the_pad(radius_px: float) -> None:
     """Something in the hub shines."""
     wheel = round_thing(radius_px, hole=110.0, plate=175.0)
     hub_px = radius_px * RING.inner_ratio

@@ -75,20 +75,20 @@ def test_the_heading_is_known_before_the_tag_can_be_read(distance: float, headin
 
 
 @pytest.mark.parametrize("distance", [2.5, 4.0, 7.0])
-def test_and_where_dirt_hides_most_of_its_code(distance: float) -> None:
+def test_the_heading_is_known_where_dirt_hides_most_of_the_tags_code(distance: float) -> None:
     at = view(distance, 2.2)
     assert off_deg(seen_in(dirty(picture(at), at), at), at) < 2.0
 
 
 @pytest.mark.parametrize("number", range(1, 6))
-def test_a_plate_with_another_code_on_it_tells_none(number: int) -> None:
+def test_a_plate_with_another_code_on_it_gives_no_heading(number: int) -> None:
     """It is another pad's, of a dictionary that nobody reads here."""
     other = with_tag(dictionary="APRILTAG_36h10", id=number)
     at = view(4.0, 2.2)
     assert seen_in(picture(at, other), at).north is None
 
 
-def test_a_plate_that_looks_alike_from_all_sides_tells_none() -> None:
+def test_a_plate_that_looks_alike_from_all_sides_gives_no_heading() -> None:
     middle = Plate(north_m=1.02, south_m=1.02, east_m=1.02, west_m=1.02)
     bare = PadLayout(name="bare", markers=(RING,), plate=middle)
     layout = THESIS_PAD.model_copy(update={"plate": middle})
@@ -107,7 +107,7 @@ def test_a_plate_cut_off_behind_its_tag_is_not_taken_for_one_turned_a_quarter(
     assert north is None or angle_between(north, tuple(at.R_camera_pad[:, 0])) < 0.1
 
 
-def test_near_where_it_is_known_to_be_two_sides_in_the_picture_tell_it() -> None:
+def test_two_sides_of_the_plate_give_a_heading_near_the_known_one() -> None:
     """Over the pad the tag, its end of the plate and another side are out of the picture."""
     at = view(1.7, 1.57, pixel=(440.0, 300.0))
     image = dirty(picture(at), at)
@@ -119,7 +119,7 @@ def test_near_where_it_is_known_to_be_two_sides_in_the_picture_tell_it() -> None
     assert off_deg(seen_in(image, at, pad), at) < 2.0
 
 
-def test_while_it_is_known_by_the_plate_alone_a_ring_must_still_have_a_plate() -> None:
+def test_while_the_heading_is_known_by_the_plate_alone_a_ring_without_a_plate_is_refused() -> None:
     at = view(8.0, 2.2)
     narrow = Plate(north_m=0.56, south_m=0.56, east_m=0.56, west_m=0.56)
     bare = PadLayout(name="bare", markers=(RING,), plate=narrow)

@@ -80,7 +80,7 @@ def test_a_ring_broken_up_by_leaf_shade_is_where_its_plate_is(
     assert not sights(image, Prior())  # where no gravity tells how it is foreshortened
 
 
-def test_it_is_followed_where_it_is_expected() -> None:
+def test_a_ring_broken_up_by_leaf_shade_is_tracked_where_it_is_expected() -> None:
     at = view(9.0, 2.0)
     image = in_leaf_shade(at, 8)
     x, y, z = at.position
@@ -89,7 +89,7 @@ def test_it_is_followed_where_it_is_expected() -> None:
 
 
 @pytest.mark.parametrize(("distance", "tilt", "azimuth"), [(5.0, 0.4, 0.0), (8.0, 0.6, 2.36)])
-def test_nor_is_a_clear_ring_of_another_ratio_taken_that_lies_askew(
+def test_a_clear_ring_of_another_ratio_that_is_tilted_is_not_taken(
     distance: float, tilt: float, azimuth: float
 ) -> None:
     """On level ground its square plate would be as long as the pad's: a sign on a wall."""

@@ -52,7 +52,7 @@ def test_the_outline_of_a_plate_tells_where_its_ring_is(heading: float, tilt: fl
         assert math.dist(where, ring_at(at)) < 0.08 * distance
 
 
-def test_small_plates_that_blur_has_rounded_tell_it_to_two_percent_of_the_range() -> None:
+def test_small_blurred_plates_show_the_ring_within_two_percent_of_the_range() -> None:
     near = 0
     for seed in range(20):
         rng = np.random.default_rng([5, seed])

@@ -29,7 +29,7 @@ def test_a_range_that_a_mild_tone_curve_has_moved_is_stated_to_be_as_wrong() -> 
     assert inside >= 17
 
 
-def test_where_the_image_moves_far_during_the_exposure_sigma_says_what_that_does() -> None:
+def test_sigma_covers_the_error_of_strong_motion_blur() -> None:
     pad = scenes.alone(RING)
     found = inside = 0
     for k in range(6):

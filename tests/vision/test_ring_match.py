@@ -41,7 +41,9 @@ def test_a_hard_shadow_across_a_far_ring_does_not_hide_it(way: float, edge_radii
 
 @pytest.mark.parametrize("dirt_way", [0.5, 2.6, 4.7])
 @pytest.mark.parametrize("way", [1.2, 2.5, 3.6])
-def test_nor_where_dirt_covers_some_of_its_hole_besides(way: float, dirt_way: float) -> None:
+def test_a_hard_shadow_with_dirt_on_the_hole_does_not_hide_a_far_ring(
+    way: float, dirt_way: float
+) -> None:
     at = view(9.0, 0.4)
     image = half_in_shade(at, way, 0.2)
     ring = THESIS_PAD.rings[0]

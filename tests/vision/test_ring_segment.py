@@ -81,7 +81,7 @@ def test_texture_that_happens_to_be_round_is_not_proposed() -> None:
     assert len(candidates(picture(even), dark_by_mean(0.86))) == 1
 
 
-def test_what_images_show_does_not_depend_on_what_is_looked_at_with_them() -> None:
+def test_candidates_of_an_image_do_not_depend_on_others_segmented_with_it() -> None:
     shown = picture(np.full((100, 120), BLACK))
     looks = [looked(shown[:, :90], DARK), looked(shown[20:], dark_by_mean(0.86))]
     alone = [ring_candidates([look], RATIO)[0] for look in looks]

@@ -17,7 +17,9 @@ _BLACK, _WHITE, _GAMMA, _AMOUNT = 60.0, 200.0, 2.2, 2.0
 
 @pytest.mark.parametrize("halo_px", [1.5, 2.0])
 @pytest.mark.parametrize("distance", [9.0, 10.0, 11.0])
-def test_a_strong_halo_is_no_ring_within_the_stroke(distance: float, halo_px: float) -> None:
+def test_the_halo_of_a_sharpened_ring_is_not_taken_for_a_second_ring(
+    distance: float, halo_px: float
+) -> None:
     at = look(IDEAL_CAMERA, distance, 0.3, pixel=(340.0, 250.0), heading=0.4)
     optics = Optics(background="plain", blur_px=0.6)
     light = render(at, IDEAL_CAMERA, optics, np.random.default_rng(1), THESIS_PAD)

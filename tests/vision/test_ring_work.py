@@ -70,7 +70,7 @@ def test_an_image_costs_no_more_than_it_may() -> None:
     assert work.affords(HARD_COST)
 
 
-def test_what_neither_response_nor_edges_explained_is_not_tried_again() -> None:
+def test_outlines_that_no_fit_explains_are_not_tried_again() -> None:
     work = RingWork()
     work.begin()
     work.leave_unexplained(place(10.0))
@@ -82,7 +82,7 @@ def test_what_neither_response_nor_edges_explained_is_not_tried_again() -> None:
     assert not work.is_unexplained(place(12.0))
 
 
-def test_what_was_refused_is_forgotten_when_a_search_has_ended() -> None:
+def test_refused_places_are_forgotten_when_a_search_has_ended() -> None:
     work = RingWork()
     work.begin()
     work.refuse(place(10.0))
@@ -133,7 +133,7 @@ def test_a_search_that_comes_to_nothing_new_ends() -> None:
     assert not work.is_continued
 
 
-def test_what_is_always_new_does_not_keep_the_other_parts_from_their_turn_for_ever() -> None:
+def test_new_outlines_in_every_image_do_not_keep_the_other_parts_of_a_search_waiting() -> None:
     work = RingWork()
     parts = []
     for k in range(8):
@@ -149,7 +149,7 @@ def test_what_is_always_new_does_not_keep_the_other_parts_from_their_turn_for_ev
 
 
 @pytest.mark.parametrize("moved", [(0, 24), (-16, 8)])
-def test_what_was_refused_is_known_where_it_has_moved_to(moved: tuple[int, int]) -> None:
+def test_refused_places_are_recognised_where_they_have_moved_to(moved: tuple[int, int]) -> None:
     image = np.ascontiguousarray(look_alikes()[::4, ::4])
     work = RingWork()
     work.begin()

@@ -298,7 +298,7 @@ def test_a_tag_that_the_picture_s_edge_cuts_is_tracked_while_enough_of_its_code_
     assert (fit is not None) is is_tracked
 
 
-def test_light_that_falls_off_is_no_tag() -> None:
+def test_a_gradient_of_brightness_is_not_taken_for_a_tag() -> None:
     square = tag()
     view = look(THESIS_CAMERA, 2.0, math.radians(30), pixel=(250, 260), heading=0.7)
     x, y = np.meshgrid(np.arange(THESIS_CAMERA.width), np.arange(THESIS_CAMERA.height))
@@ -317,7 +317,7 @@ def test_light_that_falls_off_is_no_tag() -> None:
         ("APRILTAG_25h9", ["0000000", "0101010", "0010110", "0100100"]),
     ],
 )
-def test_print_is_the_apriltag_projects(dictionary: str, rows: list[str]) -> None:
+def test_printed_cells_are_those_of_the_apriltag_project(dictionary: str, rows: list[str]) -> None:
     cells = printed_cells(tag(dictionary))
     assert ["".join("01"[int(c)] for c in row) for row in cells[: len(rows)]] == rows
 

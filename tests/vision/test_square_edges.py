@@ -86,7 +86,7 @@ def test_a_tag_in_its_vehicles_shadow_is_tracked_to_millimetres(height: float) -
 
 
 @pytest.mark.parametrize("number", [7, 316, 417])
-def test_another_tag_in_that_shadow_is_not_taken_for_it(number: int) -> None:
+def test_another_tag_in_the_vehicles_shadow_is_not_taken_for_the_pads(number: int) -> None:
     view = at(1.0)
     other = TAG.model_copy(update={"id": number})
     layout = THESIS_PAD.model_copy(update={"markers": (other,)})
@@ -117,7 +117,7 @@ def test_a_tag_with_dirt_on_its_code_is_tracked_by_its_border(height: float) -> 
 
 
 @pytest.mark.parametrize("number", [7, 316, 417])
-def test_another_tag_under_that_dirt_is_not_taken_for_it(number: int) -> None:
+def test_another_tag_with_dirt_on_its_code_is_not_taken_for_the_pads(number: int) -> None:
     other = TAG.model_copy(update={"id": number})
     layout = THESIS_PAD.model_copy(update={"markers": (other,)})
     assert tracked(at(1.0), dirty(at(1.0), layout)) is None
@@ -175,7 +175,7 @@ def test_a_tag_that_is_half_hidden_or_under_glare_is_tracked_by_the_steps_of_its
 
 @pytest.mark.parametrize("number", [7, 316, 417])
 @pytest.mark.parametrize("shown", [half_hidden, beside_glare, under_glare])
-def test_another_tag_so_disturbed_is_not_taken_for_it(
+def test_another_tag_half_hidden_or_under_glare_is_not_taken_for_the_pads(
     shown: Callable[[View, PadLayout], U8], number: int
 ) -> None:
     other = TAG.model_copy(update={"id": number})
@@ -189,7 +189,7 @@ def test_a_shadow_on_a_plate_that_is_painted_over_is_no_tag() -> None:
     assert tracked(view, shaded(view, layout)) is None
 
 
-def test_a_tag_that_is_detected_in_that_shadow_has_an_honest_pose() -> None:
+def test_a_tag_detected_in_the_vehicles_shadow_has_a_true_sigma() -> None:
     view = at(1.0)
     corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * 0.5 * TAG.size_m
     corners = np.column_stack([corners, np.zeros(4)]) + CENTRE

@@ -47,7 +47,7 @@ def picture(marker: Marker, k: int) -> tuple[scenes.U8, scenes.View]:
     [(0.85, 1.0, 0.0006), (0.85, 2.2, 0.0008), (1.6, 1.0, 0.0012)],
     ids=["linear", "gamma", "clipped"],
 )
-def test_a_tone_curve_costs_little_and_sigma_is_true(
+def test_behind_a_tone_curve_errors_stay_small_and_within_sigma(
     marker: Marker, white: float, gamma: float, limit: float
 ) -> None:
     errors, inside = [], 0

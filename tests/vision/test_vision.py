@@ -54,7 +54,7 @@ def test_a_ring_by_itself_tells_the_landing_point_but_no_north() -> None:
     assert found.pad[0].sigma_yaw is None
 
 
-def test_what_lies_where_the_distortion_has_no_inverse_is_not_looked_at() -> None:
+def test_the_part_of_the_picture_without_an_inverse_distortion_is_not_searched() -> None:
     # A public calibration, mirrored, so that its left edge folds.
     distortion = (0.0981, -4.868, -0.01034, 0.00445, 0.0)
     lens = CameraModel(1920, 1080, 3061.9, 3072.2, 1023.6, 448.0, distortion).scaled(480, 270)
@@ -160,7 +160,7 @@ def _axes(view: View) -> tuple[Vec3, Vec3]:
     return tuple(north), tuple(normal)
 
 
-def test_a_wrong_prior_does_not_hide_the_pad() -> None:
+def test_a_wrong_prediction_does_not_hide_the_pad() -> None:
     view = look(THESIS_CAMERA, 3.0, 0.5, pixel=(95, 130))
     wrong = Prior(pad=PadPrior(position=(1.5, 1.0, 3.0), sigma_m=0.1, north=(0.0, -1.0, 0.0)))
     found = seen(view, wrong)

@@ -116,7 +116,7 @@ def test_other_codes_are_never_taken_for_the_pads(number: int) -> None:
         assert found.pad == ()
 
 
-def test_an_other_number_is_not_read_under_the_other_pose() -> None:
+def test_the_second_pose_of_a_code_does_not_read_as_another_number() -> None:
     # Under the mirrored pose of this view the band of code 7 reads as 31, though less clearly.
     corner = replace(CAMERA, cx=scenes.THESIS_CAMERA.cx - 10.0, cy=scenes.THESIS_CAMERA.cy - 60.0)
     normal, north = np.array([0.047, -0.466, 0.884]), np.array([-0.209, -0.87, -0.447])

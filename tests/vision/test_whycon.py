@@ -93,7 +93,7 @@ def test_single_frame_finds_the_ring_within_three_bounds(
 
 
 @pytest.mark.parametrize("tilt_deg", [45, 60, 70])
-def test_a_ring_so_near_that_its_hole_lies_far_off_its_middle(tilt_deg: float) -> None:
+def test_a_near_tilted_ring_is_placed_within_a_millimetre(tilt_deg: float) -> None:
     view = look(1.0, tilt_deg)
     found = find_rings(shot(view), RING, CAMERA)
     assert len(found) == 1
@@ -154,7 +154,7 @@ def test_sigma_covers_the_error() -> None:
     assert inside >= 25  # 95 % expected; fewer than 25 of 30 happen once in 500
 
 
-def test_shadow_edge_across_the_ring() -> None:
+def test_a_ring_with_a_shadows_edge_across_it_is_found() -> None:
     view = look(8.0, 30, (320.0, 240.0))
     shadow = scenes.Shadow(0.4, (324.0, 240.0), (0.8, 0.6))
     found = find_rings(shot(view, scenes.Optics(shadow=shadow)), RING, CAMERA)
@@ -163,7 +163,7 @@ def test_shadow_edge_across_the_ring() -> None:
 
 
 @pytest.mark.parametrize("distance", [5.0, 9.0, 13.0])
-def test_beside_the_sun_in_a_shadow_so_deep_that_white_is_darker_there_than_black_in_the_sun(
+def test_a_ring_half_in_a_shadow_whose_white_is_darker_than_sunlit_black_is_found(
     distance: float,
 ) -> None:
     view = look(distance, 30, (320.0, 240.0))
@@ -174,7 +174,7 @@ def test_beside_the_sun_in_a_shadow_so_deep_that_white_is_darker_there_than_blac
     assert error_m(found[0], view) < 0.03
 
 
-def test_motion_of_ten_pixels() -> None:
+def test_a_ring_blurred_by_ten_pixels_of_motion_is_found() -> None:
     view = look(10.0, 30)
     found = find_rings(shot(view, scenes.Optics(motion_px=(8.0, 6.0))), RING, CAMERA)
     assert len(found) == 1
@@ -182,7 +182,7 @@ def test_motion_of_ten_pixels() -> None:
 
 
 @pytest.mark.parametrize("level", [15.0, 230.0])
-def test_a_thin_leg_across_the_ring(level: float) -> None:
+def test_a_ring_with_a_thin_leg_across_it_is_found(level: float) -> None:
     view = look(4.0, 20, (320.0, 240.0))
     bar = scenes.Bar((345.0, 240.0), (0.3, 1.0), 4.0, level)
     found = find_rings(shot(view, scenes.Optics(bar=bar)), RING, CAMERA)
@@ -194,7 +194,7 @@ def test_a_thin_leg_across_the_ring(level: float) -> None:
 @pytest.mark.parametrize(
     ("blur_px", "tilt_deg", "distance"), [(2.0, 50.0, 20.0), (2.0, 60.0, 14.0), (2.4, 60.0, 14.0)]
 )
-def test_a_small_oblique_ring_in_blur(
+def test_a_small_oblique_blurred_ring_is_found(
     blur_px: float, tilt_deg: float, distance: float, number: int
 ) -> None:
     view = look(distance, tilt_deg, (320.0 + 7 * number, 240.0 - 5 * number))
@@ -208,7 +208,7 @@ def test_a_small_oblique_ring_in_blur(
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("distance", [12.0, 15.0])
-def test_glare_that_leaves_a_part_of_a_small_ring_in_noise(distance: float, seed: int) -> None:
+def test_a_small_ring_with_glare_on_a_part_of_it_is_found(distance: float, seed: int) -> None:
     view = look(distance, 25, (320.0, 240.0))
     optics = scenes.Optics(white=120.0, black=55.0, noise=0.0, blur_px=1.2, background="grass")
     edge = scenes.outline(view, CAMERA, RING)
@@ -225,7 +225,7 @@ def test_glare_that_leaves_a_part_of_a_small_ring_in_noise(distance: float, seed
     assert error_m(found[0], view) < 0.1 * distance
 
 
-def test_dirt_that_joins_the_ring_to_dark_ground() -> None:
+def test_a_ring_that_dirt_joins_to_dark_ground_is_found() -> None:
     view = look(9.0, 20, (320.0, 300.0))
     image = shot(view, scenes.Optics(black=65.0, background="asphalt"))
     edge = scenes.outline(view, CAMERA, RING)

@@ -15,7 +15,7 @@ def token_file(folder: Path, text: str) -> Path:
     return path
 
 
-def test_off_by_default() -> None:
+def test_there_is_no_status_page_by_default() -> None:
     assert door_of(WebSection()) is None
     assert page_findings(WebSection()) == []
 
@@ -41,7 +41,7 @@ def test_others_need_a_token(listen: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "short", "with a space in it, and long enough", "ä" * 20])
-def test_a_token_that_is_none_is_told_with_its_file(text: str, tmp_path: Path) -> None:
+def test_an_unusable_token_is_refused_with_its_file(text: str, tmp_path: Path) -> None:
     with pytest.raises(DoorError, match=f"{tmp_path}/token: expected one word of 16"):
         door_of(WebSection(listen="0.0.0.0:8080", token_file=token_file(tmp_path, text)))
     with pytest.raises(DoorError, match="missing: cannot be read: No such file"):
@@ -49,7 +49,7 @@ def test_a_token_that_is_none_is_told_with_its_file(text: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("listen", ["8080", "127.0.0.1", "127.0.0.1:0", "::1:8080", "a b:80"])
-def test_what_is_no_address(listen: str) -> None:
+def test_addresses_without_host_or_port_are_refused(listen: str) -> None:
     with pytest.raises(ValidationError, match="expected ADDRESS:PORT, as 127"):
         WebSection(listen=listen)
     with pytest.raises(ValidationError, match="expected ADDRESS:PORT, as 127"):

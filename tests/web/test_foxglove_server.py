@@ -91,7 +91,7 @@ def _logged(log: Path, topic: str) -> Iterator[bytes]:
 
 
 @needs_sdk
-def test_nobody_looks_and_nothing_is_kept(tmp_path: Path) -> None:
+def test_without_a_viewer_no_messages_are_queued(tmp_path: Path) -> None:
     with served(tmp_path / "a.mcap") as (flight, port):
         server = flight.observers[1]
         assert isinstance(server, FoxgloveServer)
@@ -132,7 +132,7 @@ def test_a_port_that_is_taken_is_told_in_one_line_and_tried_again(
     ]
 
 
-def test_off_by_default() -> None:
+def test_there_is_no_server_for_foxglove_by_default() -> None:
     assert foxglove_door(WebSection()) is None
     assert foxglove_findings(WebSection()) == []
     assert FoxgloveServer.of(Config(), CAMERA, PAD) is None
@@ -147,7 +147,7 @@ def test_only_on_this_computer_as_there_is_no_token(address: str) -> None:
     assert found.level == "warn"
 
 
-def test_without_the_sdk_it_is_named(
+def test_a_missing_foxglove_sdk_is_named(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)

@@ -57,7 +57,7 @@ def test_the_picture_comes_with_what_was_seen_in_it_and_only_once() -> None:
         assert shown.view(seen=sent["seq"])["picture"] is None
 
 
-def test_nobody_looks_and_nothing_is_made() -> None:
+def test_without_a_viewer_nothing_is_computed_for_the_page() -> None:
     with shown_page() as shown:
         live = shown.page._live
         assert live is not None
@@ -70,7 +70,7 @@ def test_nobody_looks_and_nothing_is_made() -> None:
         assert live.newest is None
 
 
-def test_after_the_flight_its_end_stays() -> None:
+def test_after_the_flight_the_page_shows_its_end() -> None:
     with shown_page() as shown:
         shown.flight.engaged().until(Phase.LANDED)
         shown.flight.until_contact().run(6.0)
@@ -82,7 +82,7 @@ def test_after_the_flight_its_end_stays() -> None:
         assert "landed and disarmed" in [line["text"] for line in view["lines"]]
 
 
-def test_only_with_the_token_where_there_is_one() -> None:
+def test_with_a_token_configured_the_page_opens_only_with_it() -> None:
     with shown_page(host="127.0.0.2", token=TOKEN) as shown:
         for path in ("/", "/view", "/flights", "/flights/a.mcap"):
             status, _, body = shown.get(path)
@@ -102,7 +102,7 @@ def test_without_a_token_it_answers_to_this_computers_own_name_only() -> None:
         assert shown.get("/view", Host="somebody.example")[0] == 403
 
 
-def test_it_reads_only_and_leads_nowhere_else(tmp_path: Path) -> None:
+def test_the_page_takes_no_input_and_serves_no_other_files(tmp_path: Path) -> None:
     (tmp_path / "secret.txt").write_text("no")
     with shown_page(tmp_path / "logs") as shown:
         shown.flight.armed = False
@@ -114,7 +114,7 @@ def test_it_reads_only_and_leads_nowhere_else(tmp_path: Path) -> None:
             assert s.recv(100).startswith(b"HTTP/1.1 501")
 
 
-def test_logs_once_disarmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_logs_can_be_fetched_once_disarmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     niceness: list[int] = []  # of a report; given to it, other tests would hold it up
     monkeypatch.setattr("os.setpriority", lambda which, who, nice: niceness.append(nice))
     log = tmp_path / "00001-20260101-120000.mcap"

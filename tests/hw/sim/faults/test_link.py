@@ -12,7 +12,7 @@ from landerd.ports import DeviceLost
 from landerd.runtime.clock import run_virtual
 
 
-def test_what_begins_first_may_end_first_and_nothing_is_left() -> None:
+def test_the_first_of_two_overlapping_faults_may_end_first_and_nothing_is_left() -> None:
     """A link that was late and then lossy too stayed late for the rest of the flight."""
     near, far = memory_pair()
     near.faults = sound = LinkFaults(jitter_s=0.01)

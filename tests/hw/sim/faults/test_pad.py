@@ -33,7 +33,7 @@ def disturbed(fault: str, severity: float, *, began_s: float = 0.0, **pad: Any) 
 @pytest.mark.parametrize("severity", [0.0, 1.0])
 @pytest.mark.parametrize("speed", [0.0, 3.0])
 @pytest.mark.parametrize("turn", [0.0, 20.0])
-def test_its_velocity_is_that_of_its_place(
+def test_the_velocity_of_a_disturbed_pad_is_the_derivative_of_its_position(
     fault: str, severity: float, speed: float, turn: float
 ) -> None:
     motion = disturbed(fault, severity, speed_mps=speed, turn_rate_deg_s=turn)._motion
@@ -47,7 +47,7 @@ def test_its_velocity_is_that_of_its_place(
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_before_it_the_pad_is_where_it_was(fault: str) -> None:
+def test_before_a_fault_the_pad_moves_as_without_it(fault: str) -> None:
     sound = world(pad={"speed_mps": 3.0})
     moved = disturbed(fault, 1.0, speed_mps=3.0)
     assert moved._motion.at(0.9) == sound._motion.at(0.9)
@@ -55,13 +55,13 @@ def test_before_it_the_pad_is_where_it_was(fault: str) -> None:
 
 
 @pytest.mark.parametrize("began_s", [0.0, 50.0])  # of the loop's clock: SITL's world begins late
-def test_one_that_stops_stands(began_s: float) -> None:
+def test_a_pad_that_stops_stands_still(began_s: float) -> None:
     stopped = disturbed("pad-stops", 0.5, began_s=began_s, speed_mps=3.0)
     stopped.advance(began_s + 5.0)
     assert norm(stopped.pad.velocity) == 0.0
 
 
-def test_one_that_is_lifted_carries_a_vehicle_that_stands_on_it() -> None:
+def test_a_lifted_pad_rises_with_what_stands_on_it() -> None:
     moved = disturbed("pad-lifted", 1.0)
     assert moved._motion.at(6.0).position[2] == pytest.approx(
         moved._motion.at(0.0).position[2] - 1.0

@@ -11,7 +11,7 @@ from hw.sim.picture.camera import Renders, SimCamera
 from hw.sim.snapshot import Snapshot
 
 
-def test_when_all_is_over_the_world_is_as_it_was_whatever_began_first() -> None:
+def test_after_overlapping_faults_the_world_is_as_it_was() -> None:
     """Of two that overlapped the first was to be seen for ever."""
 
     def truth(t: float) -> Snapshot:

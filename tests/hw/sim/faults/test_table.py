@@ -18,7 +18,7 @@ def test_every_fault_of_the_table_can_happen() -> None:
 
 
 @given(st.integers(0, 10**6))
-def test_what_is_printed_flies_the_same_faults_again(seed: int) -> None:
+def test_the_printed_setting_flies_the_same_faults_again(seed: int) -> None:
     drawn = draw_faults(seed)
     loaded = read_configuration(config_dir() / "default.yaml", overrides=[as_setting(drawn)])
     assert list(sim_options(loaded).faults) == drawn
@@ -35,7 +35,7 @@ def test_the_false_ground_station_changes_parameters_that_there_are() -> None:
     assert {name.decode() for name in PARAMETERS} <= parameters().keys()
 
 
-def test_what_a_fault_leaves_behind_is_never_over() -> None:
+def test_a_fault_with_lasting_effects_never_counts_as_over() -> None:
     at = OnsetOptions(time_s=1.0)
     assert FaultOptions(fault="gimbal-slipping", at=at, for_s=0.5).lasts_s is None
     assert FaultOptions(fault="gimbal-offset", at=at, for_s=0.5).lasts_s == 0.5

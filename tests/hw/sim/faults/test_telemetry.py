@@ -37,7 +37,7 @@ class Autopilot:
         return sent[0] if sent else None
 
 
-def test_what_begins_first_may_end_first() -> None:
+def test_the_first_of_two_overlapping_faults_may_end_first() -> None:
     """The second of two faults of a message ended with the first."""
     autopilot = Autopilot()
     biased = FAULTS["position-biased"](autopilot.bench, 0.5)
@@ -52,7 +52,7 @@ def test_what_begins_first_may_end_first() -> None:
     assert (found.vx, found.vy, found.vz) == (0.0, 0.0, 0.0)
 
 
-def test_what_is_set_anew_for_good_stays_so_when_another_fault_ends() -> None:
+def test_a_permanent_reset_stays_when_another_fault_ends() -> None:
     autopilot = Autopilot()
     FAULTS["height-reset"](autopilot.bench, 0.5).__enter__()
     with FAULTS["position-biased"](autopilot.bench, 0.5):

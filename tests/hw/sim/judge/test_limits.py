@@ -66,7 +66,7 @@ def test_in_the_body_s_frame_the_heading_at_sending_counts_as_known_to_a_seventh
     ]
 
 
-def test_stopping_is_free_and_what_follows_may_begin_afresh() -> None:
+def test_a_stop_breaks_no_limit_and_set_points_may_begin_anew_after_it() -> None:
     stop: Vec3 = (0.0, 0.0, 0.0)
     assert broken((3.0, 0.0, 0.5), stop) == []
     assert broken((3.0, 0.0, 0.5), stop, stop, (0.005, 0.0, 0.005)) == []
@@ -81,7 +81,9 @@ def test_stopping_is_free_and_what_follows_may_begin_afresh() -> None:
         ((0.5, 0.0, 0.0), False),  # and so fast
     ],
 )
-def test_what_has_not_stopped_yet_may_go_on_as_it_flies(velocity: Vec3, is_allowed: bool) -> None:
+def test_after_a_stop_order_set_points_may_begin_at_the_velocity_still_flown(
+    velocity: Vec3, is_allowed: bool
+) -> None:
     found: list[str] = []
     limits = SetpointLimits(BOUNDS, lambda t, rule: found.append(rule))
     for i, each in enumerate([(4.5, 0.0, 0.0), (0.0, 0.0, 0.0), velocity]):
@@ -89,11 +91,11 @@ def test_what_has_not_stopped_yet_may_go_on_as_it_flies(velocity: Vec3, is_allow
     assert (found == []) is is_allowed
 
 
-def test_a_gap_is_no_step() -> None:
+def test_over_a_gap_in_the_set_points_no_acceleration_is_judged() -> None:
     assert broken((0.1, 0.0, 0.0), (3.0, 0.0, 0.0), dt=0.6) == []
 
 
-def test_what_a_cut_link_has_swallowed_may_have_been_an_order_to_stop() -> None:
+def test_set_points_lost_by_a_cut_link_may_have_been_stop_orders() -> None:
     rules: list[str] = []
     limits = SetpointLimits(BOUNDS, lambda t, rule: rules.append(rule))
     for t, down in ((0.0, 0.8), (0.3, 0.01), (0.6, 0.9)):

@@ -41,13 +41,13 @@ class Watched:
         return list(self.monitor.found)
 
 
-def test_a_gentle_landing_is_nothing_to_be_found() -> None:
+def test_a_gentle_landing_gives_no_finding() -> None:
     watched = Watched().order((0.0, 0.0, 0.3), 6.0)
     assert watched.found == []
     assert 0.1 < watched.monitor.worst.down_mps < 0.5
 
 
-def test_an_old_set_point_that_is_still_flown() -> None:
+def test_motion_on_an_old_set_point_is_a_finding() -> None:
     watched = Watched(altitude_m=5.0).order((1.0, 0.0, 0.0), 2.0)
     assert watched.found == []
     watched.order((1.0, 0.0, 0.0), 0.5, told=False)
@@ -62,20 +62,20 @@ def test_a_set_point_is_older_while_the_world_lets_the_computer_stand_still() ->
     assert watched.found == ["motion on a set-point older than 0.2 s"]
 
 
-def test_a_stop_may_be_old() -> None:
+def test_standing_still_on_an_old_stop_order_is_no_finding() -> None:
     watched = Watched(altitude_m=5.0).order((1.0, 0.0, 0.0), 2.0).order((0.0, 0.0, 0.0), 0.05)
     watched.order((0.0, 0.0, 0.0), 1.0, told=False)
     assert watched.found == []
 
 
-def test_who_flies_otherwise_is_none_of_its_business() -> None:
+def test_flight_by_others_than_landerd_gives_no_finding() -> None:
     watched = Watched(altitude_m=5.0).order((1.0, 0.0, 0.0), 2.0)
     watched.flies = False
     watched.order((3.0, 0.0, 0.0), 2.0, told=False)
     assert watched.found == []
 
 
-def test_a_hard_contact_beside_the_pad() -> None:
+def test_a_hard_contact_beside_the_pad_is_a_finding() -> None:
     watched = Watched(altitude_m=3.0).order((2.0, 0.0, 0.0), 3.0).order((0.0, 0.0, 0.0), 2.0)
     watched.order((0.0, 0.0, 0.9), 5.0)
     assert "ground contact off the pad above 0.5 m/s" in watched.found
@@ -83,13 +83,13 @@ def test_a_hard_contact_beside_the_pad() -> None:
     assert watched.monitor.worst.down_mps > 0.5
 
 
-def test_one_that_tips_over() -> None:
+def test_a_vehicle_that_tips_over_is_a_finding() -> None:
     watched = Watched(pad={"speed_mps": 8.0}).order((0.0, 0.0, 0.6), 4.0)
     assert "tipped over 30 degrees" in watched.found
     assert watched.monitor.worst.tilt_deg > 30.0
 
 
-def test_what_others_tip_over() -> None:
+def test_a_vehicle_that_others_tip_over_is_a_finding_of_its_own() -> None:
     watched = Watched(pad={"speed_mps": 8.0}).order((8.0, 0.0, 0.0), 5.0)
     while not all(watched.world.vehicle.feet):
         watched.order((8.0, 0.0, 0.3), 0.025)
@@ -100,7 +100,7 @@ def test_what_others_tip_over() -> None:
     assert "tipped over 30 degrees" not in watched.found
 
 
-def test_what_others_set_down_on_a_pad_that_drives() -> None:
+def test_a_vehicle_that_others_set_down_on_a_driving_pad_is_not_blamed_on_landerd() -> None:
     quick = {"acceleration_mps2": 5.0, "jerk_mps3": 20.0}
     watched = Watched(pad={"speed_mps": 6.0}, response=quick).order((6.0, 0.0, 0.0), 5.0)
     while watched.world.height > 0.2:
@@ -111,7 +111,7 @@ def test_what_others_set_down_on_a_pad_that_drives() -> None:
     assert "tipped over 30 degrees" not in watched.found
 
 
-def test_one_that_is_handed_over_as_it_tips() -> None:
+def test_a_vehicle_handed_over_while_it_tips_is_blamed_on_landerd() -> None:
     watched = Watched(pad={"speed_mps": 8.0}).order((0.0, 0.0, 0.6), 0.5)
     vehicle = watched.world.vehicle
     while not (any(vehicle.feet) and math.hypot(vehicle.roll, vehicle.pitch) > math.radians(20.0)):
@@ -121,7 +121,7 @@ def test_one_that_is_handed_over_as_it_tips() -> None:
     assert "tipped over 30 degrees" in watched.found
 
 
-def test_one_that_leans_against_wind_as_it_touches_does_not_tip() -> None:
+def test_a_lean_against_wind_at_touch_down_is_not_taken_for_tipping() -> None:
     airframe = {"mass_kg": 1.2, "angle_max_deg": 40.0}
     watched = Watched(wind={"speed_mps": 9.5, "from_deg": 0.0}, airframe=airframe)
     while not any(watched.world.vehicle.feet):
@@ -131,7 +131,7 @@ def test_one_that_leans_against_wind_as_it_touches_does_not_tip() -> None:
     assert watched.found == []
 
 
-def test_one_that_climbs_away_leaning_as_it_flies_does_not_tip() -> None:
+def test_a_lean_while_climbing_away_is_not_taken_for_tipping() -> None:
     watched = Watched(
         wind={"speed_mps": 6.0, "from_deg": 0.0},
         airframe={"mass_kg": 1.5, "angle_max_deg": 45.0},
@@ -148,12 +148,12 @@ def test_one_that_climbs_away_leaning_as_it_flies_does_not_tip() -> None:
     assert watched.found == []
 
 
-def test_faster_than_the_limits() -> None:
+def test_sinking_faster_than_the_limits_is_a_finding() -> None:
     watched = Watched(altitude_m=30.0).order((0.0, 0.0, 2.0 * BOUNDS.descent_mps + 1.5), 5.0)
     assert "climbs or sinks faster than the limits" in watched.found
 
 
-def test_who_takes_over_what_is_faster_than_the_limits_brakes_it() -> None:
+def test_taking_over_above_the_speed_limit_landerd_may_brake_it() -> None:
     slow = replace(BOUNDS, speed_mps=0.5)
     watched = Watched(slow, altitude_m=5.0).order((4.0, 0.0, 0.0), 4.0, told=False)
     watched.order((0.5, 0.0, 0.0), 4.0)
@@ -162,7 +162,7 @@ def test_who_takes_over_what_is_faster_than_the_limits_brakes_it() -> None:
     assert watched.found == ["faster than the limits"]
 
 
-def test_what_is_taken_over_faster_than_the_limits_is_not_made_faster_still() -> None:
+def test_taking_over_above_the_speed_limit_landerd_must_not_go_faster() -> None:
     slow = replace(BOUNDS, speed_mps=0.5)
     watched = Watched(slow, altitude_m=5.0).order((2.0, 0.0, 0.0), 4.0, told=False)
     watched.order((4.0, 0.0, 0.0), 4.0)
@@ -196,7 +196,7 @@ def _down(watched: Watched) -> None:
         ),
     ],
 )
-def test_what_the_pilot_is_told_comes_true(
+def test_a_text_to_the_pilot_that_does_not_come_true_is_a_finding(
     text: str, fly: Callable[[Watched], None], finding: str | None
 ) -> None:
     watched = Watched(altitude_m=12.0)
@@ -207,7 +207,7 @@ def test_what_the_pilot_is_told_comes_true(
 
 
 @pytest.mark.parametrize(("speed_mps", "found"), [(3.0, False), (0.0, True)])
-def test_who_holds_over_a_pad_goes_with_it(speed_mps: float, found: bool) -> None:
+def test_holding_over_a_moving_pad_includes_moving_with_it(speed_mps: float, found: bool) -> None:
     watched = Watched(altitude_m=12.0, pad={"speed_mps": 3.0})
     watched.order((speed_mps, 0.0, 0.0), 4.0)
     watched.monitor.on_text(watched.world.t, "landerd: holding over the marker, switch to land")
@@ -216,7 +216,7 @@ def test_who_holds_over_a_pad_goes_with_it(speed_mps: float, found: bool) -> Non
     assert [each for each in watched.found if each.startswith("told")] == [told] * found
 
 
-def test_what_was_told_last_counts() -> None:
+def test_a_text_that_a_later_one_replaces_is_not_judged() -> None:
     watched = Watched(altitude_m=12.0)
     watched.monitor.on_text(watched.world.t, "landerd: pad not in sight, holding")
     watched.order((2.0, 0.0, 0.0), 2.0)
@@ -225,7 +225,7 @@ def test_what_was_told_last_counts() -> None:
     assert watched.found == []
 
 
-def test_what_is_told_of_now_is_found_out_whatever_is_told_after_it() -> None:
+def test_a_false_text_about_the_present_is_a_finding_whatever_follows() -> None:
     watched = Watched(altitude_m=12.0)
     watched.order((0.0, 0.0, 0.0), 0.1)
     watched.monitor.on_text(watched.world.t, "landerd: landed and disarmed")

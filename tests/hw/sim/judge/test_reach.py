@@ -52,7 +52,7 @@ def test_a_pad_that_drives_on_gets_out_of_reach(
         assert left_t == pytest.approx(2.0 + held_s, abs=0.15)
 
 
-def test_what_is_flown_away_from_was_not_out_of_reach() -> None:
+def test_a_pad_that_the_vehicle_flies_away_from_is_not_out_of_reach() -> None:
     held = Held(height_m=0.5, pad_mps=5.0)
     held.fly(2.0, along=True)
     held.fly(6.0, along=False)  # nothing held it
@@ -69,7 +69,9 @@ def test_a_pad_that_was_never_near_has_not_left() -> None:
 
 
 @pytest.mark.parametrize("on_pad", [True, False])
-def test_what_touched_the_ground_has_not_lost_the_pad_that_way(*, on_pad: bool) -> None:
+def test_a_vehicle_that_touched_the_ground_does_not_count_as_left_by_the_pad(
+    *, on_pad: bool
+) -> None:
     held = Held(height_m=0.5, pad_mps=5.0)
     held.fly(2.0, along=True)
     held.follows = False

@@ -239,7 +239,7 @@ WHO_FLIES: list[tuple[Trace, str | None]] = [
 
 
 @pytest.mark.parametrize(("trace", "rule"), WHO_FLIES)
-def test_1_who_flies(trace: Trace, rule: str | None) -> None:
+def test_1_landerd_orders_only_while_it_may_fly(trace: Trace, rule: str | None) -> None:
     court = Court()
     trace(court)
     assert court.broken == ([rule] if rule else [])
@@ -318,7 +318,7 @@ def test_1d_out_of_sight_it_slows_down_and_does_not_turn(trace: Trace, rule: str
     assert [text[: len(rule or "")] for text in court.broken] == ([rule] if rule else [])
 
 
-def test_1d_descending_out_of_sight() -> None:
+def test_1d_a_descent_out_of_sight_breaks_it() -> None:
     court = Court()
     lose(court, 1.0)
     court.truth = replace(OVER_PAD, pad_velocity=(0.0, 0.0, 0.3))  # not even with the pad
@@ -350,7 +350,7 @@ def test_1d_descending_out_of_sight() -> None:
         ),
     ],
 )
-def test_what_is_not_allowed_breaks(message: Message, rule: str | None) -> None:
+def test_messages_that_are_not_allowed_break_a_rule(message: Message, rule: str | None) -> None:
     court = Court()
     court.send(message)
     assert court.broken == ([rule] if rule else [])
@@ -370,7 +370,9 @@ def test_what_is_not_allowed_breaks(message: Message, rule: str | None) -> None:
         (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (), None),
     ],
 )
-def test_commands(command: int, params: tuple[float, ...], rule: str | None) -> None:
+def test_commands_that_are_not_allowed_break_a_rule(
+    command: int, params: tuple[float, ...], rule: str | None
+) -> None:
     court = Court()
     court.truth = ON_PAD
     court.on_ground = True
@@ -379,7 +381,7 @@ def test_commands(command: int, params: tuple[float, ...], rule: str | None) -> 
     assert court.broken == ([rule] if rule else [])
 
 
-def test_other_bytes_and_other_targets_break() -> None:
+def test_unknown_bytes_and_targets_other_than_velocity_break_a_rule() -> None:
     court = Court()
     court.rules.from_landerd(court.t, b"\xfe\x00\x00\x01\x01\x00\x00\x00")  # MAVLink 1
     assert court.broken == ["1: sent bytes that are no known message"]
@@ -425,7 +427,7 @@ def test_2_contact_is_noticed_within_the_blind_budget(age_s: float, broken: bool
     ("speed_mps", "late_s", "broken"),
     [(3.0, 0.2, False), (3.0, 0.6, True), (0.0, 0.2, True)],  # what stands never surprises
 )
-def test_2_what_a_pad_does_that_no_picture_has_shown_yet_nobody_can_know(
+def test_2_motion_of_the_pad_that_no_picture_has_shown_yet_is_not_judged(
     speed_mps: float, late_s: float, broken: bool
 ) -> None:
     """At the edge of the region it goes 1.5 m/s slower at once."""
@@ -466,7 +468,7 @@ def test_2_descent_outside_the_region_is_judged_against_the_pads_own_motion(
     assert court.broken == ([OUTSIDE] if broken else [])
 
 
-def test_2_who_climbs_away_after_a_touch_is_judged_as_in_the_air() -> None:
+def test_2_climbing_away_after_a_touch_it_is_judged_as_in_the_air() -> None:
     court = Court()
     court.truth = replace(ON_PAD, distance=3.0, feet_down=1)
     court.order(SINK)
@@ -486,7 +488,7 @@ def test_2_who_climbs_away_after_a_touch_is_judged_as_in_the_air() -> None:
         (0.19, False, 0.31, True),
     ],
 )
-def test_2_what_is_committed_is_not_bound_by_the_region_where_the_deck_falls_away(
+def test_2_after_commit_a_deck_that_falls_away_does_not_bind_it_to_the_region(
     below_m: float, climbs: bool, above_m: float, broken: bool
 ) -> None:
     court = Court()
@@ -511,7 +513,7 @@ def test_2_no_descent_with_the_heading_off(height_m: float, off_rad: float, brok
 
 
 @pytest.mark.parametrize(("hidden_rad", "broken"), [(0.04, False), (-0.04, True), (0.25, True)])
-def test_2_a_heading_that_gimbal_and_camera_are_mounted_askew_by_nobody_can_see(
+def test_2_an_error_of_heading_by_a_camera_mounted_askew_is_not_judged(
     hidden_rad: float, broken: bool
 ) -> None:
     court = Court()
@@ -530,7 +532,7 @@ def test_2_a_heading_that_gimbal_and_camera_are_mounted_askew_by_nobody_can_see(
         (True, 0.2, True),  # it turned so all the time
     ],
 )
-def test_2_how_a_pad_turns_that_no_picture_has_shown_yet_nobody_can_know(
+def test_2_turning_of_the_pad_that_no_picture_has_shown_yet_is_not_judged(
     turned_before: bool, late_s: float, broken: bool
 ) -> None:
     """It turns by 30 degrees a second; the vehicle turned with it, and does so no more."""
@@ -693,7 +695,7 @@ def test_3_the_limits_are_judged_but_for_the_climb_of_a_wave_off() -> None:
     assert court.broken == ["3: vertical acceleration", "3: vertical jerk"]
 
 
-def test_3_what_leans_may_wave_off_where_its_lowest_foot_is_just_over_the_pad() -> None:
+def test_3_a_leaning_vehicle_may_wave_off_with_its_lowest_foot_just_over_the_pad() -> None:
     for lean_m, broken in ((0.1, False), (0.03, True)):
         court = Court(limits=True)
         court.truth = replace(OVER_PAD, height=0.25, lean_m=lean_m)
@@ -702,7 +704,7 @@ def test_3_what_leans_may_wave_off_where_its_lowest_foot_is_just_over_the_pad() 
         assert bool(court.broken) == broken
 
 
-def test_3_a_set_point_that_is_not_finite() -> None:
+def test_3_a_set_point_that_is_not_finite_breaks_it() -> None:
     court = Court()
     court.order((0.0, float("nan"), 0.0))
     assert court.broken == ["3: a set-point is not finite"]
@@ -736,7 +738,7 @@ def test_4_once_a_foot_was_down_descent_must_be_ordered(
 
 
 @pytest.mark.parametrize(("brushes_s", "broken"), [(1.3, False), (1.6, True)])
-def test_4_what_was_told_to_climb_may_brush_the_pad_until_its_thrust_comes(
+def test_4_a_vehicle_told_to_climb_may_brush_the_pad_until_its_thrust_comes(
     brushes_s: float, broken: bool
 ) -> None:
     court = Court()
@@ -764,7 +766,7 @@ def test_4_it_goes_from_climbing_to_pressing_down_by_one_order_at_zero(
 
 
 @pytest.mark.parametrize(("brushes_s", "broken"), [(1.3, False), (1.6, True)])
-def test_4_so_it_may_where_the_deck_comes_up_and_it_seems_to_stand(
+def test_4_a_climb_ordered_before_the_deck_came_up_may_brush_it_for_a_while(
     brushes_s: float, broken: bool
 ) -> None:
     court = Court()
@@ -775,7 +777,7 @@ def test_4_so_it_may_where_the_deck_comes_up_and_it_seems_to_stand(
     assert ("4: a climb ordered while standing on the pad" in court.broken) == broken
 
 
-def test_4_what_stood_when_its_orders_were_cut_off_stands_when_they_come_again() -> None:
+def test_4_a_vehicle_that_stood_before_a_cut_of_the_link_stands_after_it() -> None:
     court = Court()
     court.truth = ON_PAD
     court.fly(1.0, SINK)
@@ -785,7 +787,7 @@ def test_4_what_stood_when_its_orders_were_cut_off_stands_when_they_come_again()
     assert "4: did not go with the pad after contact" not in court.broken
 
 
-def test_4_what_was_levelled_for_a_release_may_stay_so() -> None:
+def test_4_a_vehicle_levelled_for_a_release_may_stay_levelled() -> None:
     court = Court()
     court.truth = ON_PAD
     court.fly(0.2, SINK)
@@ -809,7 +811,7 @@ def left_standing(silent_s: float) -> Court:
 
 
 @pytest.mark.parametrize(("presses_s", "broken"), [(6.0, False), (7.0, True)])
-def test_6_what_was_left_standing_there_is_unconfirmed_from_when_it_may_fly_again(
+def test_6_a_vehicle_left_standing_is_unconfirmed_from_when_it_may_fly_again(
     presses_s: float, broken: bool
 ) -> None:
     court = left_standing(5.0)
@@ -818,7 +820,7 @@ def test_6_what_was_left_standing_there_is_unconfirmed_from_when_it_may_fly_agai
     assert (rule in court.broken) == broken
 
 
-def test_6_who_sees_no_pad_and_is_silent_does_not_wait_for_confirmation() -> None:
+def test_6_without_a_pad_and_silent_it_need_not_report_an_unconfirmed_touch_down() -> None:
     """The heartbeat was back, and the gimbal silent: it could not know where it stood."""
     court = left_standing(2.0)
     court.wait(9.0)
@@ -893,7 +895,7 @@ def test_4_released_it_may_stand_level_sooner() -> None:
 
 
 @pytest.mark.parametrize(("aside_mps", "broken"), [(0.25, False), (0.35, True), (5.0, True)])
-def test_4_it_goes_with_the_pad(aside_mps: float, broken: bool) -> None:
+def test_4_after_contact_orders_go_with_the_pad(aside_mps: float, broken: bool) -> None:
     court = Court()
     court.truth = replace(ON_PAD, pad_velocity=(5.0, 0.0, 0.0))
     court.fly(0.9, (5.0 - aside_mps, 0.0, 0.1))  # it must be noticed, and rule 3 kept
@@ -919,7 +921,9 @@ def test_4_it_goes_with_a_pad_that_stops_as_soon_as_it_can_know(
 
 
 @pytest.mark.parametrize(("levelled", "broken"), [(True, True), (False, False)])
-def test_4_who_stands_never_climbs(levelled: bool, broken: bool) -> None:
+def test_4_a_vehicle_that_stands_on_the_pad_is_not_told_to_climb(
+    levelled: bool, broken: bool
+) -> None:
     court = Court()
     court.truth = ON_PAD
     court.fly(0.6, SINK)
@@ -955,7 +959,7 @@ def test_4_it_stands_level_only_on_the_pad_and_not_at_once(
 @pytest.mark.parametrize(
     ("slip_mps", "lean_m", "broken"), [(0.4, 0.02, 0), (0.2, 0.02, 1), (0.4, 0.05, 2)]
 )
-def test_4_what_is_dragged_across_the_plate_may_stand_level_sooner(
+def test_4_a_vehicle_dragged_across_the_plate_may_stand_level_sooner(
     slip_mps: float, lean_m: float, broken: int
 ) -> None:
     court = Court()
@@ -1119,7 +1123,7 @@ def test_5_a_frozen_attitude_is_an_old_one(frozen: bool) -> None:
         (LOW, 1.35, True),
     ],
 )
-def test_5_gimbal_angles(truth: Truth, silent_s: float, broken: bool) -> None:
+def test_5_old_gimbal_angles_are_not_flown_on(truth: Truth, silent_s: float, broken: bool) -> None:
     court = Court()
     court.truth = truth
     court.fly(0.1, SINK)
@@ -1215,7 +1219,7 @@ def test_6_a_landing_that_does_not_come_about_is_handed_back(commits: bool) -> N
     assert court.broken == ([] if commits else [rule])
 
 
-def test_6_who_is_asked_to_hold_need_not_land() -> None:
+def test_6_asked_to_hold_it_need_not_land() -> None:
     court = Court(replace(HOLDS, total_s=2.0))
     court.pulse = 1500
     court.fly(10.0)

@@ -106,7 +106,7 @@ def test_the_first_contact_counts_and_climbing_away_is_counted() -> None:
     assert score.contact == first
 
 
-def test_beside_the_plate_is_said() -> None:
+def test_a_contact_beside_the_plate_is_scored_as_such() -> None:
     w = world(start={"altitude_m": 0.5, "position_m": [3.0, 0.0], "spread_m": 0.0, "bearings": 1})
     score = score_of(w)
     descend(w, 0.3, 5.0)
@@ -166,7 +166,7 @@ def test_whether_the_pad_will_be_missed_is_told_from_where_it_drifts(
 
 
 @pytest.mark.parametrize(("beside", "slip_mps"), [(False, 1.0), (True, 0.0)])
-def test_what_stands_on_the_ground_does_not_slide_across_a_pad_that_drives(
+def test_a_vehicle_on_the_ground_does_not_slide_across_a_driving_pad(
     beside: bool, slip_mps: float
 ) -> None:
     w = over_pad(pad={"speed_mps": 1.0})

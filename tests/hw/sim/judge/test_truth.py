@@ -25,7 +25,7 @@ def test_its_height_is_over_the_plate_as_far_as_there_is_one(
     assert truth.height == pytest.approx(height_m, abs=0.01)
 
 
-def test_what_leans_has_its_lowest_foot_lower_than_their_centre() -> None:
+def test_the_lowest_foot_of_a_leaning_vehicle_is_below_the_feets_centre() -> None:
     w = over_pad()
     vehicle, (north, east, down) = w.vehicle, w.pad.position
     vehicle.position = (north, east, down - 1.0)

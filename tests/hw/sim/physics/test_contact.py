@@ -231,7 +231,7 @@ def test_half_lifted_it_slides_in_wind_in_which_it_stands_once_levelled() -> Non
     assert all(w.vehicle.feet)
 
 
-def test_what_stands_is_tipped_by_its_own_motors_no_farther_than_its_weight_lets_them() -> None:
+def test_a_standing_vehicle_is_tipped_by_its_motors_no_farther_than_its_weight_allows() -> None:
     # It is asked to fly on into the wind and leans by all that it may; half of hover is all there
     # is, on two rotors 0.2 m aside, against half of its weight on feet 0.13 m aside, and the wind.
     w = over_pad(wind={"speed_mps": 8.0, "from_deg": 90.0})

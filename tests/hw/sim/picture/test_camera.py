@@ -505,7 +505,7 @@ def test_pictures_are_lost_at_their_rate() -> None:
     assert true - seq / 30 == pytest.approx(true[0] - seq[0] / 30, abs=1e-6)
 
 
-def test_what_is_off_draws_no_random_number() -> None:
+def test_effects_that_are_off_draw_no_random_number() -> None:
     plain = taken(Blank(), 50)
     assert taken(Blank(), 50, drop=0.0, fps_jitter=0.0) == plain
     # And one that is on does not disturb another.
@@ -561,7 +561,7 @@ def test_rows_are_looked_up_at_their_own_times() -> None:
     assert none.readouts == []
 
 
-def test_with_everything_off_the_pictures_are_the_old_ones(usual: Renderer) -> None:
+def test_with_all_effects_off_pictures_are_those_of_the_ideal_camera(usual: Renderer) -> None:
     other = Renderer(PAD, CAMERA, RenderOptions(), 1, SimCameraOptions())
     for i, pitch_deg in enumerate((-30.0, -60.0, -85.0)):
         start, end = (looking((-2.0, y, -4.0), 10.0, pitch_deg) for y in (0.0, 0.02))

@@ -26,7 +26,7 @@ def without_effects(kind: str) -> U8:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "plain"])
-def test_a_ground_is_its_seeds_and_no_others(kind: str) -> None:
+def test_a_ground_depends_on_its_seed_alone(kind: str) -> None:
     first = without_effects(kind)
     again, other = (picture(down(6.0), {"ground": kind}, at=AWAY, seed=seed) for seed in (1, 2))
     assert (first == again).all()

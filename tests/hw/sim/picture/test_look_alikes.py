@@ -43,7 +43,7 @@ def test_there_are_so_many_and_none_is_on_the_pad_or_on_another(count: int, seed
         assert math.dist(one.place_m, other.place_m) > 0.5 * (one.side_m + other.side_m)
 
 
-def test_they_are_their_seeds() -> None:
+def test_look_alikes_depend_on_their_seed() -> None:
     first, again, other = things(5, 1), things(5, 1), things(5, 2)
     assert [t.place_m for t in first] == [t.place_m for t in again]
     assert [t.place_m for t in first] != [t.place_m for t in other]

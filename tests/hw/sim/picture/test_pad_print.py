@@ -183,7 +183,7 @@ def test_strong_glare_ends_at_white_of_the_scale() -> None:
     assert seen.max() == 255
 
 
-def test_what_is_on_the_plate_does_not_depend_on_what_else_is() -> None:
+def test_one_kind_of_dirt_on_the_plate_does_not_depend_on_another() -> None:
     dirty, both = (finest(PAD, {"dirt": 0.12}, {"glare": glare}) for glare in (0.0, 0.2))
     glare = finest(PAD, {}, {"glare": 0.2}) - finest(PAD, {}, {})
     assert np.abs(both - dirty)[glare == 0].max() <= 1  # by rounding
@@ -192,7 +192,7 @@ def test_what_is_on_the_plate_does_not_depend_on_what_else_is() -> None:
     )
 
 
-def test_a_pad_in_use_is_its_seeds() -> None:
+def test_the_wear_of_a_pad_depends_on_its_seed() -> None:
     worn = {"dirt": 0.1, "marker_error_m": 0.005}
     first, again, other = (
         picture(down(3.0), {"wet": 0.2, "glare": 0.5}, worn, seed=s) for s in (1, 1, 2)

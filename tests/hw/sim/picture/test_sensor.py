@@ -104,7 +104,7 @@ def test_dim_light_keeps_its_steps() -> None:
     assert steps[40:].max() <= 2
 
 
-def test_black_level_and_vignetting() -> None:
+def test_black_level_lifts_and_vignetting_darkens_the_picture() -> None:
     s = sensor({"black_level": 12.0, "vignetting": 0.5, "tone": {"curve": "linear"}})
     assert (s.expose(flat(0), 1) == 12).all()
     seen = s.expose(flat(200), 1)

@@ -97,7 +97,7 @@ def test_a_pad_drives_through_shade_that_lies_still() -> None:
     assert np.abs(here[both] - there[both]).mean() < 0.15 * here[both].std()
 
 
-def test_leaves_are_their_seeds() -> None:
+def test_the_shade_of_leaves_depends_on_its_seed() -> None:
     flat = np.full((400, 400), 200, np.uint8)
     first, again, other = (leaves(0.5, seed=s).over(flat) for s in (1, 1, 2))
     assert (first == again).all()

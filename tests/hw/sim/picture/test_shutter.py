@@ -166,7 +166,7 @@ def test_an_edge_leans_by_readout_and_speed(height: float, turns: bool) -> None:
         assert lean == pytest.approx(-CAMERA.fx * READOUT_S / 480, rel=0.1)
 
 
-def test_nothing_moves_nothing_leans() -> None:
+def test_without_motion_a_rolling_shutter_changes_nothing() -> None:
     truth = world((-4.0, 0.5, -6.0), -50.0)
     options = SimCameraOptions(readout_s=READOUT_S)
     rolling = Renderer(PAD, CAMERA, RenderOptions(), 1, options)

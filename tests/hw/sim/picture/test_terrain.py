@@ -22,7 +22,7 @@ def test_every_kind_of_ground_has_its_mean() -> None:
 
 
 @pytest.mark.parametrize("kind", list(MEAN))
-def test_a_ground_is_its_seeds_has_its_mean_and_no_seam(kind: str) -> None:
+def test_a_ground_depends_on_its_seed_has_its_mean_and_no_seam(kind: str) -> None:
     made = [TERRAINS[kind](generator(seed, "terrain")) for seed in (1, 2, 1)]
     least, most = MEAN[kind]
     for texture in made:

@@ -57,7 +57,7 @@ def test_texels_lie_where_perspective_puts_them(
 
 
 @pytest.mark.parametrize("fine", [False, True])
-def test_beyond_the_horizon_there_is_none_of_it(fine: bool) -> None:
+def test_a_plane_is_not_drawn_beyond_the_horizon(fine: bool) -> None:
     plane = TexturedPlane(Tile(squares(), TEXEL_M, CORNER_M), CAMERA, fine=fine)
     H = plane_homography(looking((0.0, 0.0, -5.0), 0.0), AT_ORIGIN)
     assert H is not None
@@ -67,7 +67,7 @@ def test_beyond_the_horizon_there_is_none_of_it(fine: bool) -> None:
     assert (seen[-10:] != BEYOND).mean() > 0.9
 
 
-def test_far_away_it_is_its_mean_and_does_not_glitter() -> None:
+def test_far_away_a_plane_has_its_mean_level_and_does_not_glitter() -> None:
     board = np.indices((512, 512)).sum(axis=0) // 4 % 2
     texture = np.where(board == 1, 180, 60).astype(np.uint8)
     plane = TexturedPlane(Tile(texture, TEXEL_M, CORNER_M), CAMERA, fine=True)
@@ -78,7 +78,7 @@ def test_far_away_it_is_its_mean_and_does_not_glitter() -> None:
     assert seen.std() < 2
 
 
-def test_it_has_no_end_to_either_side() -> None:
+def test_a_plane_repeats_its_texture_without_end() -> None:
     # 15 m up more of it is to be seen than the tile of 10 m, or two of it.
     noise = np.random.default_rng(2).integers(60, 180, (512, 512))
     blobs = cv2.blur(noise.astype(np.uint8), (25, 25)).astype(np.uint8)

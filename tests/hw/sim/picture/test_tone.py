@@ -13,7 +13,7 @@ def test_linear_is_the_light_itself() -> None:
     assert (tone(LIGHT, ToneOptions()) == LIGHT).all()
 
 
-def test_gamma_and_srgb() -> None:
+def test_gamma_and_srgb_are_the_standards_curves() -> None:
     assert tone(LIGHT, ToneOptions(curve="gamma", gamma=1.8)) == pytest.approx(LIGHT ** (1 / 1.8))
     # Of the standard: 18 % grey is 118, and the curve joins its straight foot.
     srgb = 255 * tone(np.array([0.18, 0.0031307, 0.0031309]), ToneOptions(curve="srgb"))

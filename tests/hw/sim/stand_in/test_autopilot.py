@@ -109,7 +109,7 @@ def test_the_speed_to_a_position_target_can_be_changed_until_the_mode_is() -> No
     fly(scene)
 
 
-def test_take_off_and_its_refusals() -> None:
+def test_take_off_needs_arming_and_is_refused_in_the_air() -> None:
     async def scene(f: Flight) -> None:
         await guided(f)
         assert await f.client.do(TAKE_OFF, *(0.0,) * 6, 10.0) == FAILED  # disarmed
@@ -311,7 +311,7 @@ def test_commands_without_numbers_are_refused(command: int) -> None:
         max_size=6,
     )
 )
-def test_it_outlives_sound_frames_with_any_content(contents: list[tuple[int, bytes]]) -> None:
+def test_valid_frames_with_any_content_do_not_stop_it(contents: list[tuple[int, bytes]]) -> None:
     async def scene(f: Flight) -> None:
         for message_id, payload in contents:
             f.client.link.write(frame_of(message_id, payload, system=255, component=190))

@@ -32,7 +32,7 @@ def test_velocity_orders_in_body_frames_turn_with_the_heading(frame: int) -> Non
     fly(scene, lambda: Flight(PlainAirframe(yaw=math.pi / 2)))
 
 
-def test_body_frd_is_ignored() -> None:
+def test_set_points_in_frame_body_frd_are_ignored() -> None:
     async def scene(f: Flight) -> None:
         await guided(f)
         f.client.fly(1.0, 0.0, 0.0)
