@@ -415,7 +415,7 @@ def test_a_value_given_under_two_keys_is_refused_if_the_two_differ(tmp_path: Pat
 
 
 def test_four_distortion_coefficients_need_a_distortion_model(tmp_path: Path) -> None:
-    """OpenCV saves a fisheye's four like the first four of any other lens."""
+    """OpenCV saves the four of a fisheye like the first four of any other lens."""
     k = [400.0, 0.0, 319.5, 0.0, 400.0, 239.5, 0.0, 0.0, 1.0]
     text = f"width: 640\nheight: 480\nK: {k}\nD: [0.01, 0.02, 0.0, 0.0]\n"
     with pytest.raises(CalibrationError, match="distortion_model: one of plumb_bob, equidistant"):

@@ -57,7 +57,10 @@ def test_version() -> None:
 def test_a_configuration_named_by_an_empty_variable_is_refused(
     command: str, capsys: Printed
 ) -> None:
-    """As of -c "$CONFIGURATION" in a script, where it is not set; a place may begin with minus."""
+    """As of -c "$CONFIGURATION" in a script that does not set it.
+
+    Also, a place may begin with minus.
+    """
     (line,) = wrong_input(capsys, *command.split(), "-c", "")
     assert "argument -c/--config: found '', expected a file or folder" in line
 

@@ -73,7 +73,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
 
 
 def test_no_text_tells_to_install_landerd_from_a_package_index() -> None:
-    """There is no entry of ours; what somebody else puts there must not come onto a drone."""
+    """The name is not ours there: a stranger's package must not come onto a drone."""
     sources = [p for room in ("landerd", "hw") for p in (ROOT / room).rglob("*.py")]
     named = re.compile(r"""pip install\s+['"]?landerd(?![-/\w])""")
     assert [p.name for p in (*PAGES, *sources) if named.search(p.read_text("utf-8"))] == []

@@ -156,7 +156,7 @@ def failed_flight(
 def test_the_watchdog_is_fed_while_a_failed_core_stops_the_vehicle(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """systemd would cut the stop orders short: it waits for 2 s."""
+    """Otherwise systemd, whose watchdog waits 2 s, would cut the stop orders short."""
     fed: list[float] = []
     at = str(tmp_path / "systemd")
     monkeypatch.setenv("NOTIFY_SOCKET", at)

@@ -88,7 +88,7 @@ def test_impossible_calibrations_are_refused(
 def test_a_marker_with_two_diameters_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The last one was printed and flown on."""
+    """Once, the last one was used for printing and flying."""
     text = (ROOT / "config" / "pads" / "thesis.yaml").read_text()
     file = tmp_path / "pad.yaml"
     twice = "outer_diameter_m: 1.0\n    outer_diameter_m: 0.9"
@@ -140,7 +140,7 @@ def run_alone(*arguments: object) -> None:
 
 
 def test_pictures_are_drawn_into_a_folder_whose_name_is_not_utf_8(tmp_path: Path) -> None:
-    """OpenCV's own writer died of names that are no text."""
+    """OpenCV's own writer ends the process at such names."""
     folder = tmp_path / NO_TEXT
     run_alone("detect", "--camera", CAMERA, "--pad", "thesis", PICTURE, "--draw", folder)
     assert [p.suffix for p in folder.iterdir()] == [".png"]
@@ -157,7 +157,7 @@ def test_a_terminal_that_cannot_show_a_name_is_told_it_all_the_same(tmp_path: Pa
 
 
 def test_a_video_whose_name_is_not_utf_8_is_written_and_read(tmp_path: Path) -> None:
-    """OpenCV died of names that are no text, without a word."""
+    """OpenCV ends the process at such names, without a message."""
     telemetry, film = write_tlog(tmp_path / "a.tlog"), tmp_path / f"{NO_TEXT}.mp4"
     dry_run = ("dry-run", "--telemetry", telemetry, "--to", "3")
     run_alone(*dry_run, "--fps", "2", "--draw", film)

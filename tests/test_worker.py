@@ -66,7 +66,7 @@ def test_a_job_that_hangs_is_given_up_and_the_next_has_another_thread() -> None:
 
 
 def test_jobs_that_hang_one_after_the_other_do_not_pile_up() -> None:
-    """A scene in which every search hung cost a thread a second, and the loop its time."""
+    """Once, a scene in which every search hung cost a thread per second, and slowed the loop."""
     let_go = threading.Event()
 
     async def main() -> None:

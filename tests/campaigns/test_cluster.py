@@ -102,7 +102,7 @@ def test_an_address_without_a_scheduler_is_refused_in_one_line(
 def test_rows_are_those_of_a_local_campaign_although_a_worker_was_killed(
     running: tuple[str, list[subprocess.Popen[bytes]]],
 ) -> None:
-    """The last of them: there is one worker less for others."""
+    """The last test of the module, as it leaves one worker less."""
     row = Row(scenario="hover", settings=("sim.sight=modelled", "sim.camera.fps=15"))
     landing = SimulatedLanding(Campaign(rows=(row,), longest_s=1.5), None, ())
     tasks = [(row.name, seed) for seed in range(1, 5)]

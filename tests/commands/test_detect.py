@@ -77,7 +77,7 @@ def test_a_jpeg_is_not_rotated_by_its_orientation_tag(
 def test_a_tiff_is_not_rotated_by_its_orientation_tag(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """OpenCV turns a TIFF, whatever it is told."""
+    """OpenCV rotates a TIFF by its tag even if told not to."""
     file = tmp_path / "held.tif"
     file.write_bytes(tiff(picture(), orientation=3))
     assert main(["detect", str(file), *FILES, "--json"]) == 0

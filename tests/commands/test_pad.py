@@ -67,7 +67,7 @@ def flattened(loop: str) -> np.ndarray:
 def test_a_print_shows_each_marker_where_its_file_says(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The print against the analytic pad of the vision tests, which shares nothing with it."""
+    """The reference is the pad drawn by the vision tests, which shares no code with the print."""
     file, pad = tmp_path / "cut.svg", tmp_path / "turned.yaml"
     pad.write_text(TURNED)
     pad = config_files("pads").get(name, pad)

@@ -107,7 +107,7 @@ def test_a_flight_with_poor_sight_is_reported_before_the_next(
 
 
 def test_a_slow_disk_delays_no_orders_and_the_file_is_whole_at_the_end(tmp_path: Path) -> None:
-    """A pipe is written to as slowly as it is read: such a disk must not hold up the orders."""
+    """The disk is a pipe that is read late; a real one must not delay the orders either."""
     path = tmp_path / "sensors.json"
     pipe = path.with_suffix(".new")
     read: list[str] = []

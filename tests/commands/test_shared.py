@@ -40,7 +40,7 @@ def test_files_that_cannot_be_written_are_refused_with_the_flag(tmp_path: Path) 
 def test_a_cancelled_question_does_not_wait_for_its_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """After Ctrl-C the command ended only when Enter was pressed, too."""
+    """Once, a command ended after Ctrl-C only when Enter was pressed, too."""
     pressed = threading.Event()
     monkeypatch.setattr("builtins.input", lambda _: str(pressed.wait(5.0)))
     began = time.monotonic()

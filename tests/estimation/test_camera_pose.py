@@ -123,7 +123,7 @@ def test_between_two_attitudes_the_vehicle_turns_by_their_rates() -> None:
 
 
 def test_steps_of_the_position_that_the_velocity_contradicts_are_smoothed() -> None:
-    """As GPS has it: 3 cm to either side every 0.2 s, while the velocity says nothing of it."""
+    """GPS moves it 3 cm to either side every 0.2 s, and the velocity shows nothing of it."""
     made, rng = PoseHistory(AT_ORIGIN), Random(2)
     told, places = 0.0, []
     for i in range(500):
@@ -174,7 +174,7 @@ def test_gravity_points_down_in_the_picture_as_the_camera_is_turned() -> None:
 
 
 def test_a_gimbal_axis_that_reports_only_its_orders_follows_them_with_the_lag() -> None:
-    """Yaw as well as pitch: taken to be there at once, it was 10 degrees off at 120 a second."""
+    """Without the lag, yaw would be 10 degrees off while it turns at 120 degrees/s."""
     made = PoseHistory(AT_ORIGIN)
     lag_s = AT_ORIGIN.gimbal.lag_s
     rate, start, dt = math.radians(120.0), math.radians(170.0), 0.02  # across the back

@@ -228,7 +228,7 @@ def test_vision_is_told_where_a_pad_seen_once_may_be_now() -> None:
 
 
 def test_a_pad_driven_along_with_does_not_brake_while_no_position_is_told() -> None:
-    """Position was held still after 0.1 s: a pad at 10 m/s was taken for one at 1 m/s."""
+    """Once, the position was held still after 0.1 s, and a pad at 10 m/s seemed to do 1 m/s."""
     estimator = Estimator(Config())
     for i in range(60):
         t = 0.04 * i

@@ -218,7 +218,7 @@ def test_an_error_of_the_clock_moves_the_pad_by_the_vehicles_velocity() -> None:
 
 
 def test_the_first_pictures_dependence_on_the_clock_comes_from_later_telemetry() -> None:
-    """Taken for unmoved it told the clock, for the whole flight, to 4 ms and 24 ms off."""
+    """Once, it was taken to be zero, and the clock was learned 4 ms or 24 ms wrong for good."""
 
     def telling(first: int) -> Vec3:
         made = PoseHistory(AT_ORIGIN)

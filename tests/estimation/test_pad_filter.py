@@ -236,7 +236,7 @@ def test_a_lens_that_swings_with_the_airframe_is_not_taken_for_the_pads_motion()
 
 
 def test_a_late_gimbal_on_a_nimble_airframe_is_not_taken_for_the_pads_motion() -> None:
-    """Its gimbal's clock known to 6 ms, a pad at 1 m/s was taken for one of 2 m/s^2."""
+    """Once, with the gimbal's clock off by 6 ms, a pad at 1 m/s seemed to accelerate at 2 m/s^2."""
     noise = random.Random(9)
     pad_filter = PadFilter(OPTIONS)
     close = matscale(IDENTITY, 0.005**2)

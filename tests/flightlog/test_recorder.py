@@ -227,7 +227,7 @@ def test_the_oldest_logs_make_room_but_nothing_else_is_touched(tmp_path: Path) -
 def test_an_old_log_that_is_gone_or_cannot_be_deleted_does_not_stop_the_recording_of_pictures(
     stays: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A log that somebody deleted meanwhile was told as a disk that is nearly full."""
+    """Once, a log that somebody had deleted meanwhile was reported as a nearly full disk."""
     odd = tmp_path / "00001-20260101-000000.mcap"
     if stays == "deleted":
         odd.symlink_to("deleted between the folder's listing and the look at its size")

@@ -165,7 +165,7 @@ def test_ground_without_anything_glaring_keeps_its_exposure() -> None:
 def test_a_white_pad_on_dark_ground_that_is_found_is_not_lost_again(
     tone: Callable[[float], float], period_s: float
 ) -> None:
-    """Orders on their way when it is found, and slow cameras, must not make it go."""
+    """Orders under way when it is found, and slow cameras, must not overexpose it again."""
     camera = Camera(tone, period_s)
     found = camera.look(6.0, 0.3, 6.0)
     first = found.index(True)

@@ -67,7 +67,7 @@ def test_feet_carried_by_a_moving_pad_stay_on_the_plate_where_they_touched() -> 
 def test_a_pad_that_has_turned_since_the_touch_has_its_plate_elsewhere(
     heading: float | None, is_on: bool
 ) -> None:
-    """0.7 m to the east: beside the plate but where its longer side is there by now."""
+    """0.7 m to the east is beside the plate, unless the plate's longer side is there by now."""
     footprint = touched(0.02)
     footprint.see((0.0, -0.7, 0.0), heading)
     assert footprint.on_plate is is_on
@@ -89,7 +89,7 @@ def test_a_slide_that_has_ended_counts_however_uncertain_the_pad_is() -> None:
 
 
 def test_a_pad_that_seems_to_move_within_its_uncertainty_does_not_count_as_a_slide() -> None:
-    """For 2.5 s, until the vehicle stands level; with the gear's feet held by the plate."""
+    """It seems so for 2.5 s, until the vehicle stands level and the plate holds its feet."""
     footprint = touched(0.15)
     follow(footprint, (0.0, 0.0, 0.0), (0.0, 0.25, 0.0), 2.5)
     assert footprint.on_plate
@@ -105,7 +105,7 @@ def test_a_pad_that_seems_to_move_within_its_uncertainty_does_not_count_as_a_sli
 def test_it_is_the_feet_that_stand_on_the_plate_not_a_circle_through_them(
     yaw_deg: float, east_m: float, is_on: bool
 ) -> None:
-    """With all feet on the plate the pilot read "disarmed beside the pad"."""
+    """Once, with all feet on the plate, the pilot read "disarmed beside the pad"."""
     footprint = touched(0.0)
     for i in range(2):
         feet = (0.0, i * east_m, 0.0)

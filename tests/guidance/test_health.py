@@ -64,7 +64,7 @@ def test_pictures_too_late_to_be_used_are_not_reported_as_missing(
 def test_the_pilot_is_told_if_the_autopilot_does_not_fly_as_ordered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """As ArduCopter with GUID_OPTIONS 32 does: it says that it obeys, and drifts."""
+    """ArduCopter with GUID_OPTIONS 32 reports that it obeys, and drifts."""
     ignored = [f"{pilot_texts.PREFIX}ordered ", " m/s, flies 0: autopilot?"]
     flight = Flight().engaged().until_contact()
     assert not any(text.startswith(ignored[0]) for text in flight.texts)
@@ -77,7 +77,7 @@ def test_the_pilot_is_told_if_the_autopilot_does_not_fly_as_ordered(
 
 
 def test_a_climb_rate_that_the_height_contradicts_is_not_flown_down_on() -> None:
-    """As of ArduCopter with accelerometers off by 1 m/s^2: it hovered, and fell at 6 m/s."""
+    """ArduCopter with accelerometers off by 1 m/s^2 believed to hover, and fell at 6 m/s."""
     flight = Flight().engaged().until(Phase.DESCENT)
     flight.told_to_sink = 1.5
     flight.run(3.0)
@@ -97,9 +97,9 @@ def test_a_climb_rate_that_is_a_little_off_is_landed_with() -> None:
 
 
 def test_a_vehicle_that_sinks_by_a_wrong_climb_rate_is_held_at_its_height_by_sight() -> None:
-    """As of ArduCopter with accelerometers off the other way: it touched at 0.9 m/s, told to climb.
+    """ArduCopter with accelerometers off the other way touched at 0.9 m/s, ordered to climb.
 
-    It is told what will not do to hold, but for what is seen of the pad.
+    The order that holds its height by telemetry does not hold it; the pad in sight shows what does.
     """
     flight = Flight().engaged().until(Phase.DESCENT)
     while flight.height > 6.0:

@@ -135,7 +135,7 @@ def test_on_the_pad_the_request_to_hold_has_no_effect() -> None:
 
 
 def test_asked_to_hold_as_it_stands_there_it_is_not_told_that_the_pad_is_not_found() -> None:
-    """It saw the pad under it all the time."""
+    """The pad below was in sight all the time."""
     flight = switched()
     engage(flight)
     flight.pulse_us = HIGH
@@ -208,7 +208,7 @@ def test_held_over_a_moving_pad_it_goes_with_it() -> None:
 
 @pytest.mark.parametrize("middle_s", [0.05, 0.2, 1.0])
 def test_a_vehicle_on_the_pad_does_not_take_off_to_hold(middle_s: float) -> None:
-    """On its way from low to high the switch passes its middle."""
+    """On its way from low to high the switch passes its middle position, which asks to hold."""
     flight = switched()
     flight.detects_landing = False
     flight.engaged()

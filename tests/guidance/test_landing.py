@@ -174,7 +174,7 @@ def test_it_leaves_room_for_a_deck_that_may_come_up_as_far_as_is_known() -> None
 def test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then_hands_back() -> (
     None
 ):
-    """Over a 10 m/s pad with wind ahead all that touched with more than 31 degrees tipped over."""
+    """On a 10 m/s pad with wind ahead, all that touched leaning over 31 degrees tipped over."""
     config = Config.model_validate({"guidance": {"lost": {"give_up_s": 4.0}}})
     flight = Flight(config=config)
     flight.lean = math.radians(-33.0)
@@ -215,7 +215,7 @@ def test_a_vehicle_that_leaned_too_far_to_land_lands_in_a_lull() -> None:
 def test_the_lean_that_forbids_a_landing_is_relative_to_the_plate(
     slope_deg: float, lands: bool
 ) -> None:
-    """In wind from ahead it slid off a plate that sloped down with the wind."""
+    """Once, in wind from ahead, it slid off a plate that sloped down with the wind."""
     flight = Flight()
     flight.slope, flight.lean = math.radians(slope_deg), math.radians(-22.0)
     flight.engaged()
@@ -225,7 +225,7 @@ def test_the_lean_that_forbids_a_landing_is_relative_to_the_plate(
 
 
 def test_no_landing_begins_while_it_may_already_stand_on_the_pad() -> None:
-    """After a while without telemetry little is known of the pad's velocity: it was lifted off."""
+    """Once, it was lifted off: after a gap of telemetry the pad's velocity was uncertain."""
     flight = Flight(position=(0.0, 0.0, -Config().vehicle.gear_height_m))
     flight.contact_t, flight.detects_landing = 0.0, False
 
@@ -264,7 +264,7 @@ def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -
 
 
 def test_blind_below_the_commit_height_and_not_committed_it_sinks_no_farther() -> None:
-    """It sank on until sight was 0.5 s old, and its feet touched before the climb took hold."""
+    """Once, it sank on until sight was 0.5 s old, and touched before the climb took effect."""
     flight = Flight().engaged()
     while flight.height > 0.26:
         flight.tick()
@@ -277,7 +277,7 @@ def test_blind_below_the_commit_height_and_not_committed_it_sinks_no_farther() -
 
 
 def test_sight_lost_as_it_sinks_fast_to_a_pad_that_moves_it_climbs_with_the_pad() -> None:
-    """A hand's breadth higher it was told to hover, sank on, and its feet were dragged along."""
+    """Once, 0.1 m higher, it was ordered to hover, sank on, and its feet were dragged along."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
     while flight.height > 0.44:
         flight.tick()
@@ -294,7 +294,7 @@ def test_sight_lost_as_it_sinks_fast_to_a_pad_that_moves_it_climbs_with_the_pad(
 
 
 def test_leaning_as_the_pad_does_no_foot_is_taken_to_be_down() -> None:
-    """Were the plate tilted the other way, one could be: it was pressed down 16 cm over a deck."""
+    """A foot would be down if the plate sloped the other way: once it was pressed down 16 cm up."""
     flight = Flight()
     flight.pad_heading, flight.lean, flight.slope = 0.0, math.radians(14.0), math.radians(-5.0)
     to(flight.engaged(), State.COMMITTED)
@@ -308,7 +308,7 @@ def test_leaning_as_the_pad_does_no_foot_is_taken_to_be_down() -> None:
 
 
 def test_a_touch_too_high_for_the_configured_gear_is_noticed_and_told_to_the_pilot() -> None:
-    """Gear 12 cm longer than configured: it stood under thrust, for ever, and nobody heard why."""
+    """Once, with a gear 12 cm longer than configured, it stood under thrust and did not say why."""
     flight = Flight()
     flight.detects_landing = False
     to(flight.engaged(), State.COMMITTED)
@@ -324,7 +324,7 @@ def test_a_touch_too_high_for_the_configured_gear_is_noticed_and_told_to_the_pil
 
 
 def test_on_a_pad_seen_to_slide_away_under_its_feet_it_is_waved_off() -> None:
-    """It flew on beside the pad, with the velocity that this had had, and was levelled there."""
+    """Once, it flew on beside the pad with the pad's former velocity, and was levelled there."""
     flight = Flight(pad_velocity=(4.0, 0.0, 0.0))
     to(flight.engaged(), State.COMMITTED)
     while flight.height > 0.14:
@@ -344,7 +344,7 @@ def test_on_a_pad_seen_to_slide_away_under_its_feet_it_is_waved_off() -> None:
 
 
 def test_a_vehicle_that_ends_below_the_plate_has_not_landed_on_the_pad() -> None:
-    """It fell off the plate, came upright beside it, and was told to have landed."""
+    """Once, one that fell off the plate and came upright beside it was told to have landed."""
     flight = Flight()
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
@@ -364,7 +364,7 @@ def test_a_vehicle_that_ends_below_the_plate_has_not_landed_on_the_pad() -> None
 def test_where_the_local_frame_jumps_as_it_stands_it_has_landed_on_the_pad_all_the_same(
     jump: Vec3,
 ) -> None:
-    """The EKF set its height anew at the touch: it was told to have fallen off the plate."""
+    """Once, the EKF reset its height at the touch, and it was told to have fallen off the plate."""
     flight = Flight()
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
@@ -378,7 +378,7 @@ def test_where_the_local_frame_jumps_as_it_stands_it_has_landed_on_the_pad_all_t
 
 
 def test_waved_off_from_a_pad_that_drives_off_it_climbs_away_with_it() -> None:
-    """It climbed where it was, its feet on a pad that was carried away: that tipped it over."""
+    """Once, it climbed straight up while the pad carried its feet away, and tipped over."""
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
     flight.pad_velocity = (1.0, 0.0, 0.0)
@@ -393,7 +393,7 @@ def test_waved_off_from_a_pad_that_drives_off_it_climbs_away_with_it() -> None:
 
 
 def test_too_low_to_try_any_longer_it_climbs_at_once() -> None:
-    """A foot of a vehicle that leans may be all but down: climbing gently it dragged it along."""
+    """A leaning vehicle's lowest foot is nearly down: climbing gently, it was dragged along."""
     never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
     flight = Flight(config=never_fit).engaged()
     while "climbing again" not in flight.lander.reason:
@@ -416,7 +416,7 @@ def test_the_pilot_is_told_why_a_landing_that_is_not_off_is_not_carried_through(
 
 
 def test_too_low_and_aside_it_climbs_before_it_goes_back_over_the_pad() -> None:
-    """A deck that came up had its feet meanwhile, and it was dragged along at 0.4 m/s."""
+    """Once, a deck that came up touched its feet meanwhile, and dragged it along at 0.4 m/s."""
     never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
     flight = Flight(config=never_fit).engaged()
     while flight.height > 0.1:
@@ -432,7 +432,7 @@ def test_too_low_and_aside_it_climbs_before_it_goes_back_over_the_pad() -> None:
 def test_a_deck_that_comes_up_before_a_climb_begins_is_landed_on(
     plate_m: float, state: State
 ) -> None:
-    """A deck that came up had its feet, and it stood there told to climb for more than a second."""
+    """Once, a deck came up to its feet, and it stood there ordered to climb for more than 1 s."""
     never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.001}}})
     plate = Plate(north_m=plate_m, south_m=plate_m, east_m=plate_m, west_m=plate_m)
     flight = Flight(config=never_fit, layout=PAD.model_copy(update={"plate": plate})).engaged()
@@ -524,7 +524,7 @@ def tick_on_pad(flight: Flight, *, bounces: bool) -> None:
 
 
 def test_released_just_as_it_touches_a_moving_pad_it_is_found_to_stand_before_it_lifts() -> None:
-    """Found a moment later it went on climbing, and was stopped with its feet on the pad."""
+    """Once, this was found too late: it climbed on, and was stopped with its feet on the pad."""
     flight = released_touching()
     released_t = flight.t
     while flight.lander.state is not State.STANDING:
@@ -536,7 +536,7 @@ def test_released_just_as_it_touches_a_moving_pad_it_is_found_to_stand_before_it
 
 
 def test_released_it_climbs_away_for_a_second_at_most_also_where_it_rests_on_the_pad() -> None:
-    """Its thrust is just coming: levelled then, vehicles were thrown off pads of 5 m/s."""
+    """Its thrust is just coming back: levelled then, vehicles were thrown off 5 m/s pads."""
     flight = released_touching()
     released_t = flight.t
     while flight.lander.state in (State.COMMITTED, State.LEAVING):
@@ -547,7 +547,7 @@ def test_released_it_climbs_away_for_a_second_at_most_also_where_it_rests_on_the
 
 
 def test_a_vehicle_on_the_pad_stays_there_when_the_autopilot_restarts() -> None:
-    """Nothing was known of the pad any more: it was levelled when it lifted at last, and fell."""
+    """Once, as the pad was forgotten then, it was levelled only when it lifted, and fell."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
     flight.detects_landing = False
     to(flight, State.ON_PAD)
@@ -567,7 +567,7 @@ def test_a_vehicle_on_the_pad_stays_there_when_the_autopilot_restarts() -> None:
 
 
 def test_released_as_it_touches_before_that_is_sure_it_is_levelled_once_it_lies_there() -> None:
-    """It was stopped there, with thrust; granted again it began from a velocity that was none."""
+    """Once, it was stopped there with thrust, and granted again began from a false velocity."""
     flight = Flight()
     flight.detects_landing = False
     to(flight.engaged(), State.COMMITTED)
@@ -597,7 +597,7 @@ def test_released_in_the_air_after_commit_it_is_stopped() -> None:
 def test_stopped_just_over_the_pad_it_is_levelled_where_wind_has_a_foot_down(
     lean_deg: float,
 ) -> None:
-    """Stopped with the thrust it had against the wind one was dragged off its pad, and tipped."""
+    """Once, stopped with its thrust against the wind, it was dragged off its pad and tipped."""
     flight = Flight().engaged()
     flight.detects_landing, flight.lean = False, math.radians(lean_deg)
     to(flight, State.COMMITTED)
@@ -613,7 +613,7 @@ def test_stopped_just_over_the_pad_it_is_levelled_where_wind_has_a_foot_down(
 
 
 def test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_moving_pad() -> None:
-    """It climbed away after 12 s on the pad, and tipped over in the stop that followed."""
+    """Once, it climbed away after 12 s on the pad, and tipped over in the stop that followed."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
@@ -642,7 +642,7 @@ def levelled_out() -> Flight:
 def test_a_vehicle_that_stood_is_left_standing_when_released_without_data(
     *, restarts: bool
 ) -> None:
-    """Data that went stale made it forget that it stood: it climbed away from a pad that moves."""
+    """Once, stale data made landerd forget that it stood: it climbed away from a moving pad."""
     flight = levelled_out()
     while flight.lander.needs_sight:
         flight.tick()
@@ -673,7 +673,7 @@ def test_should_the_core_fail_a_vehicle_on_a_moving_pad_is_to_stand_level() -> N
 
 
 def test_touching_with_an_edge_it_leans_over_it_is_not_sliding_off() -> None:
-    """The pad levels it: its middle moves across the pad and sinks on, the edge stands."""
+    """As the pad levels it, its middle moves across the pad and sinks, while the edge stands."""
     flight = Flight(config=Config.model_validate({"vehicle": {"footprint_m": [0.44, 0.26]}}))
     # A bent plate, a gear measured wrong: it takes itself to be so much higher.
     flight.distort = lambda true: replace(true, position=add(true.position, (0.0, 0.0, 0.07)))
@@ -788,7 +788,7 @@ def test_released_as_it_stands_on_a_fast_deck_that_heaves_it_stays_there(heave: 
 
 
 def test_it_stands_on_a_deck_that_sinks_ever_faster() -> None:
-    """How fast is known late, where it is at once: it was told to stop, and not left standing."""
+    """The deck's speed is known late, its height at once: once it was stopped by the speed."""
     flight = Flight()
     flight.detects_landing = False
     flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.02**2))
@@ -815,7 +815,7 @@ def test_carried_on_while_its_data_are_stale_it_has_not_slid() -> None:
 
 @pytest.mark.parametrize("switch_us", [HIGH, LOW])
 def test_a_vehicle_that_turns_over_on_the_ground_is_given_no_thrust(switch_us: int) -> None:
-    """As of a quadrotor that lost a motor 0.11 m up: for 13 s it was told to climb, and thrown."""
+    """Once, one that lost a motor 0.11 m up was ordered to climb for 13 s, and thrown about."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged().until(Phase.DESCENT)
     while flight.height > 0.18:
         flight.tick()
@@ -912,7 +912,7 @@ def test_committed_and_its_data_are_stale_as_it_touches_it_does_not_climb_again(
 def test_waved_off_as_it_touches_unnoticed_it_is_pressed_down_where_its_thrust_is_not_back(
     acceleration: float, stays_s: float
 ) -> None:
-    """Levelled instead, just as it lifted, it was thrown 0.4 m high and down beside the pad."""
+    """Once, it was levelled just as it lifted, thrown 0.4 m high, and fell beside the pad."""
     autopilot = {"vertical_acceleration_mps2": acceleration}
     config = Config.model_validate({"autopilot": autopilot, "guidance": SINKS_SLOWLY})
     flight = Flight(config=config).engaged()
@@ -938,7 +938,7 @@ def test_waved_off_as_it_touches_unnoticed_it_is_pressed_down_where_its_thrust_i
 
 
 def test_the_pilot_is_told_of_a_touch_down_that_wrong_velocities_hide() -> None:
-    """It pressed down for 7 s, told to sink ever faster as it seemed to sink, and said nothing."""
+    """Once, it pressed down for 7 s, ever harder as it seemed to sink, and told nothing."""
     flight = Drifting().engaged()
     flight.detects_landing = False
     to(flight, State.COMMITTED)
@@ -987,7 +987,7 @@ class Biased(Flight):
 
 
 def test_released_on_the_pad_it_stands_level_though_its_height_drifts() -> None:
-    """What drifted was taken for sinking: it was left there with its thrust on."""
+    """Once, the drift was taken for sinking, and it was left there with its thrust on."""
     flight = Biased()
     flight.detects_landing = False
     flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
@@ -1001,7 +1001,7 @@ def test_released_on_the_pad_it_stands_level_though_its_height_drifts() -> None:
 
 
 def test_a_vehicle_that_hovers_over_a_pad_in_sight_has_not_touched() -> None:
-    """Over a deck that began to sink: it was on the pad for landerd, up to 0.3 m over it."""
+    """Once, over a deck that began to sink, it counted as on the pad up to 0.3 m above it."""
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
     while flight.height > 0.1:
@@ -1014,7 +1014,7 @@ def test_a_vehicle_that_hovers_over_a_pad_in_sight_has_not_touched() -> None:
 
 
 def test_a_vehicle_that_a_gust_held_up_and_lifts_was_not_on_the_pad() -> None:
-    """It was pressed down in the air, carried off by a velocity taken for the pad's, and tipped."""
+    """Once, pressed down in the air, it was carried off by a false pad velocity, and tipped."""
     flight = Flight(pad_velocity=(2.0, 0.0, 0.0)).engaged()
     to(flight, State.COMMITTED)
     while flight.height > 0.07:
@@ -1039,7 +1039,7 @@ def test_a_vehicle_that_a_gust_held_up_and_lifts_was_not_on_the_pad() -> None:
 
 
 def test_waved_off_it_is_not_levelled_as_its_feet_come_free() -> None:
-    """After a second on a deck that began to sink: it was thrown 0.7 m high, and down beside it."""
+    """Once, after 1 s on a deck that began to sink, it was thrown 0.7 m high and fell beside it."""
     flight = Flight(config=Config.model_validate({"guidance": SINKS_SLOWLY})).engaged()
     to(flight, State.COMMITTED)
     while flight.height > 0.06:
@@ -1059,7 +1059,7 @@ def test_waved_off_it_is_not_levelled_as_its_feet_come_free() -> None:
 
 
 def test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling() -> None:
-    """It was thrown half a metre high, level and without thrust, and fell beside the pad."""
+    """Once, it was thrown 0.5 m high, level and without thrust, and fell beside the pad."""
     flight = without_thrust()
     ordered = len(flight.setpoints)
     for _ in range(round(0.3 / DT)):
@@ -1107,7 +1107,7 @@ def test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it(beside_m:
 
 
 def test_a_landing_begun_where_the_autopilot_says_it_stands_ends_there() -> None:
-    """Started anew on the pad, landerd saw itself over it and aside, and told it to climb."""
+    """Once, landerd restarted on the pad, believed to be above and aside of it, and climbed."""
     flight = left_standing(detects_landing=True)
     flight.pad = add(flight.pad, (0.17, 0.0, 0.09))
     flight.run(1.5)
@@ -1116,7 +1116,7 @@ def test_a_landing_begun_where_the_autopilot_says_it_stands_ends_there() -> None
 
 
 def test_a_landing_begun_on_feet_that_seem_to_be_over_the_pad_ends_there() -> None:
-    """Of a gear built longer than said; a false heartbeat had ended the landing."""
+    """The gear is longer than configured; a false heartbeat had ended the first landing."""
     flight = left_standing()
     flight.distort = lambda true: replace(true, position=scale(true.position, 1.6))
     flight.run(3.0)
@@ -1138,7 +1138,7 @@ def test_a_landing_that_begins_on_a_pad_just_come_in_sight_does_not_take_off() -
 def test_on_a_pad_that_brakes_as_it_is_touched_it_goes_with_it_and_has_landed(
     brake_mps2: float,
 ) -> None:
-    """However long sight takes to make a velocity of what it sees."""
+    """This holds however long the estimator takes to follow the pad's velocity."""
     flight = Flight(pad_velocity=(1.5, 0.0, 0.0))
     flight.detects_landing = False
     flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
@@ -1185,7 +1185,7 @@ def test_blown_across_a_pad_that_drives_on_it_is_not_taken_for_carried() -> None
 
 
 def test_a_vehicle_that_slid_across_a_braking_pad_goes_with_it_once_it_stands() -> None:
-    """It was pressed on with the velocity of before for two seconds, across a pad that stood."""
+    """Once, it was pressed on with the former velocity for 2 s, across a pad that stood."""
     flight = Flight(pad_velocity=(0.5, 0.0, 0.0))
     flight.detects_landing = False
     flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
@@ -1200,7 +1200,7 @@ def test_a_vehicle_that_slid_across_a_braking_pad_goes_with_it_once_it_stands() 
 
 
 def test_a_vehicle_left_behind_by_the_pad_has_not_landed_on_it() -> None:
-    """However little was known of the pad's velocity as it touched."""
+    """This holds however uncertain the pad's velocity was at the touch."""
     flight = Flight()
     flight.detects_landing = False
     flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
@@ -1272,7 +1272,7 @@ def test_with_output_landing_target_it_stays_silent_though_the_gate_is_open() ->
 
 
 def test_metres_above_a_fast_pad_left_behind_the_switch_stops_it_at_once() -> None:
-    """It was just over the pad when sight ended; that is long ago."""
+    """That it was just over the pad when sight ended no longer matters."""
     flight = Flight(pad_velocity=(4.0, 0.0, 0.0)).engaged()
     to(flight, State.COMMITTED)
     flight.visible = False
@@ -1290,7 +1290,7 @@ def test_metres_above_a_fast_pad_left_behind_the_switch_stops_it_at_once() -> No
 
 
 def test_no_landing_is_given_back_just_over_a_fast_pad() -> None:
-    """Its time runs out there: stopped at once its feet would touch at the pad's speed."""
+    """If its time ran out there and it were stopped, its feet would touch at the pad's speed."""
 
     def over_pad(total_s: float) -> Flight:
         descent = {"commit_slip_mps": 0.001}  # never fit to commit
@@ -1316,7 +1316,7 @@ def test_no_landing_is_given_back_just_over_a_fast_pad() -> None:
 
 
 def test_time_released_does_not_count_in_the_time_of_the_landing() -> None:
-    """RC was stale for two minutes; as it came back the pilot read "no landing in time"."""
+    """Once, RC was stale for two minutes, and then the pilot read "no landing in time"."""
     flight = Flight(position=(-15.0, 2.0, -8.0)).engaged()
     flight.silent.add(RcChannels)
     to(flight, State.SILENT)
@@ -1331,7 +1331,7 @@ def test_time_released_does_not_count_in_the_time_of_the_landing() -> None:
 def test_each_time_that_it_may_not_fly_on_from_the_pad_it_is_stopped_for_as_long(
     gap_s: float,
 ) -> None:
-    """RC was stale, and back, and the switch went low: silent after what the first stop left."""
+    """Once, after RC was stale and back, the second stop lasted only what the first had left."""
     flight = Flight().engaged()
     flight.until_contact()
     flight.detects_landing = False
@@ -1349,7 +1349,7 @@ def test_each_time_that_it_may_not_fly_on_from_the_pad_it_is_stopped_for_as_long
 
 
 def test_a_vehicle_on_the_plate_whose_position_goes_stale_has_landed_there() -> None:
-    """Its last velocity carried it on, under the pad: the pilot read "disarmed beside the pad"."""
+    """Once, its last velocity carried it on below the pad: "disarmed beside the pad"."""
     flight = Flight().engaged().until(Phase.LANDED)
     while flight.height > 0.02:
         flight.tick()
@@ -1359,7 +1359,7 @@ def test_a_vehicle_on_the_plate_whose_position_goes_stale_has_landed_there() -> 
 
 
 def test_a_control_step_that_comes_late_does_not_end_the_sight_of_a_young_picture() -> None:
-    """The loop hung for 0.475 s: a picture 0.05 s old was "not in sight", and an abort counted."""
+    """Once, after the loop hung for 0.475 s, a picture 0.05 s old counted as a loss of sight."""
     flight = Flight(position=(-3.0, 0.0, -4.0)).engaged()
     flight.until(Phase.DESCENT)
     while flight.height > 1.2:
@@ -1371,9 +1371,9 @@ def test_a_control_step_that_comes_late_does_not_end_the_sight_of_a_young_pictur
 
 @pytest.mark.parametrize("rc_is_stale", [False, True])
 def test_descents_that_are_broken_off_in_sight_are_limited_in_number(rc_is_stale: bool) -> None:
-    """A pad that jumps aside whenever it has committed is given up, however well it is seen.
+    """A pad that jumps aside after every commit is given up, however well it is seen.
 
-    Nor does RC that is stale for a while after each of them begin the count anew.
+    RC that is stale for a while after each of them does not restart the count either.
     """
     config = Config.model_validate({"guidance": {"lost": {"retries": 2}}})
     flight = Flight(config=config).engaged()
@@ -1416,7 +1416,7 @@ def test_rc_that_is_stale_now_and_then_does_not_hold_the_vehicle_for_ever(every_
 
 @pytest.mark.parametrize("ground_m", [-20.0, 0.0, 20.0])
 def test_a_search_climbs_as_far_wherever_the_autopilots_origin_is(ground_m: float) -> None:
-    """It begins while the position is stale, so from where is known later."""
+    """It begins while the position is stale, so the height it starts from is known later."""
     flight = Flight(position=(-6.0, 2.0, ground_m - 8.0))
     flight.pad = (0.0, 0.0, ground_m)
     flight.engaged()

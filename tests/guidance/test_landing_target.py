@@ -17,7 +17,7 @@ from tests.simulated import ABOVE, fly
 def test_landing_target_is_the_pad_in_the_body_frame_at_its_exposure_and_no_set_point_is_sent() -> (
     None
 ):
-    """Without the gate: what is done with it, ArduPilot's mode decides."""
+    """It is sent without the gate, too: ArduPilot's mode decides whether it is used."""
     sent: list[Any] = []
     truth: dict[int, Vec3] = {}  # by time of exposure, us
 

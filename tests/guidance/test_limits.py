@@ -145,7 +145,7 @@ def test_set_points_begin_at_the_velocity_that_is_flown() -> None:
 def test_a_gentle_acceleration_reached_at_once_neither_passes_the_speed_nor_swings_about_it(
     acceleration: float, jerk: float
 ) -> None:
-    """At 20 Hz the jerk reaches the acceleration within a step: it climbed at 0.32 and 0.27."""
+    """At 20 Hz the jerk reaches the acceleration in a step: climbs swung from 0.27 to 0.32."""
     limits = LimitsSection(
         climb_mps=0.3,
         acceleration_mps2=acceleration,

@@ -119,7 +119,7 @@ def test_the_request_to_move_the_switch_is_repeated_every_10_s() -> None:
 
 
 def test_a_loss_that_repeats_within_a_second_is_told_again_when_it_lasts() -> None:
-    """A pad lost, found and lost within a second: the pilot read that it was being approached."""
+    """Once, of a pad lost, found and lost within a second, the last text said "approach"."""
     orders = begun()
     now, told = 10.0, []
     for phase, reason, seconds in (
@@ -137,7 +137,7 @@ def test_a_loss_that_repeats_within_a_second_is_told_again_when_it_lasts() -> No
 
 
 def test_a_phase_that_begins_again_within_a_second_is_told_again_when_it_lasts() -> None:
-    """Else the last that the pilot was told is that it holds, while it flies."""
+    """Otherwise the last text says that it holds, while it flies."""
     orders = begun()
     told = []
     for i in range(80):

@@ -44,7 +44,7 @@ def test_descent_is_never_allowed_outside_the_region(
 
 
 def test_over_a_pad_that_is_not_known_well_enough_to_descend_the_pilot_is_told_so() -> None:
-    """As at 14 m, with a region that was set as narrow there as on the ground."""
+    """As 14 m above it, with a region configured as narrow there as on the ground."""
     p = Phases(DescentSection(k1_m=0.12, k2_per_m=0.03), has_heading=False)
     phase, why = p.step(situation(0.05, 14.0, sigma_m=0.2))
     assert (phase, why) == (Phase.CLOSE_APPROACH, "pad known to 0.4 m, descends with 0.2")

@@ -41,7 +41,7 @@ def test_motion_on_the_way_to_the_pad_is_not_taken_for_a_swing() -> None:
 
 
 def test_a_vehicle_slower_than_configured_is_calmed_and_lands() -> None:
-    """With gains as configured it circled for ever, and was handed back."""
+    """Without reduced gains it circled for ever, and was handed back."""
     slow = ("delay_s=0.15", "bandwidth=0.7", "jerk_mps3=18", "acceleration_mps2=3")
     overrides = [*ABOVE, *(f"sim.response.{key}" for key in slow)]
     simulation = fly(overrides=overrides, longest_s=40.0)

@@ -86,7 +86,7 @@ def test_much_slower_than_ordered_for_a_fifth_of_a_second_is_contact() -> None:
 
 
 def test_a_deck_that_comes_up_just_after_commit_is_known_to_touch_as_soon() -> None:
-    """0.4 s were waited for first, sight was lost meanwhile, and it climbed off the deck again."""
+    """Once, contact was awaited for 0.4 s; sight was lost, and it climbed off the deck."""
     descent = Descent()
     assert descent.go_on(0.1) is None
     assert descent.go_on(0.25, sink_rate=0.0) is Event.CONTACT
@@ -257,7 +257,7 @@ def test_a_vehicle_that_slips_or_tips_is_levelled_only_if_on_ground_is_late(
 def test_a_vehicle_that_leaned_and_then_slides_lying_flat_is_levelled(
     slip: float, waits_s: float
 ) -> None:
-    """Half lifted by the thrust that steers, it slid on in the wind for 2 s, and off the plate."""
+    """Once, half lifted by its thrust, it slid on in the wind for 2 s, and off the plate."""
     standing = Standing()
     standing.touchdown.descent(math.radians(20.0))
     assert not any(standing.level(0.25, slip=slip, lean=0.2, roll_pitch_rate=0.8))
@@ -266,7 +266,7 @@ def test_a_vehicle_that_leaned_and_then_slides_lying_flat_is_levelled(
 
 
 def test_a_rocking_vehicle_that_is_dragged_off_is_levelled_once_it_lies_on_the_plate() -> None:
-    """Waiting until it rocked no longer, it was dragged over the plate's edge and tipped over."""
+    """Once, landerd waited until it rocked no more: it was dragged off the plate and tipped."""
     standing = Standing()
     standing.touchdown.descent(math.radians(20.0))
     assert not any(standing.level(0.5, slip=0.5, lean=math.radians(9.0), roll_pitch_rate=1.2))
@@ -322,7 +322,7 @@ def test_on_a_deck_that_sinks_it_stands_level_as_on_any_other() -> None:
 
 
 def test_a_slow_vehicle_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air() -> None:
-    """It hovered 4 cm over the deck for a second: by height and sinking it stood there."""
+    """Once, it hovered 4 cm over the deck for 1 s: by height and sink rate it seemed to stand."""
     standing = Standing(vertical_acceleration_mps2=1.6, vertical_jerk_mps3=2.1)  # 0.8 s late
     heave, sinks = 0.0, GENTLE
     while heave < 0.3:
@@ -337,7 +337,7 @@ def test_a_slow_vehicle_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_a
 
 
 def test_a_vehicle_that_flew_on_after_a_false_contact_is_not_levelled_on_one_edge() -> None:
-    """Over a deck that began to sink, 2.4 s before it touched: it was levelled 0.2 s after that."""
+    """Once, it was levelled 0.2 s after the touch, which came 2.4 s after the false contact."""
     standing = Standing()
     assert not any(standing.level(3.0, sink_rate=GENTLE, heave=0.0, sigma_heave=0.1))
     assert not any(standing.level(0.55, slip=0.5))

@@ -144,7 +144,7 @@ def test_braking_its_descent_leaves_room_for_the_decks_own_acceleration() -> Non
 
 
 def test_a_vehicle_that_answers_late_up_and_down_brakes_its_descent_sooner() -> None:
-    """It sank at 0.6 m/s 0.3 m over a deck that came up, which struck it at 0.8 m/s."""
+    """Once, it sank at 0.6 m/s 0.3 m over a deck that came up, and was struck at 0.8 m/s."""
     late = {"vertical_acceleration_mps2": 2.0, "vertical_jerk_mps3": 2.5}  # 0.8 s
     config = CONFIG.model_copy(update={"autopilot": CONFIG.autopilot.model_copy(update=late)})
     sinking = situation(height=1.0, rate=(0.0, 0.0, -0.8))
@@ -180,7 +180,7 @@ class LateAttitude:
 
 
 def test_a_vehicle_that_its_autopilot_lets_answer_slowly_comes_to_rest_too() -> None:
-    """Over a pad at 10 m/s, with lags of 1.75 and 2.5 s: without compensation in twice the time."""
+    """Over a pad at 10 m/s, with lags of 1.75 and 2.5 s; uncompensated it takes twice the time."""
     for acceleration, jerk in ((3.5, 2.0), (5.0, 2.0)):
         shaping = {"acceleration_mps2": acceleration, "jerk_mps3": jerk}
         config = CONFIG.model_copy(
@@ -206,7 +206,7 @@ def test_a_vehicle_that_its_autopilot_lets_answer_slowly_comes_to_rest_too() -> 
 
 
 def test_a_vehicle_whose_attitude_follows_late_comes_to_rest_over_the_pad() -> None:
-    """ArduCopter's own velocities then swing: it flew to and fro over the pad for ever."""
+    """ArduCopter's own velocities then swing: once it flew to and fro over the pad for ever."""
     slow = CONFIG.autopilot.model_copy(update={"attitude_time_constant_s": 0.4})
     method = TrackingMethod(CONFIG.model_copy(update={"autopilot": slow}))
     limiter, vehicle, position = Limiter(OPTIONS.limits), LateAttitude(0.4), -6.0
@@ -224,7 +224,7 @@ def test_a_vehicle_whose_attitude_follows_late_comes_to_rest_over_the_pad() -> N
 
 
 def test_a_pad_that_stops_is_not_flown_after_as_if_it_drove_on() -> None:
-    """A vehicle that answers slowly smooths a pad's velocity for long: it overran the pad."""
+    """For a slow vehicle the pad's velocity is smoothed for long: once it overran the pad."""
     shaping = {"acceleration_mps2": 2.0, "jerk_mps3": 2.0}
     config = CONFIG.model_copy(update={"autopilot": CONFIG.autopilot.model_copy(update=shaping)})
     method = TrackingMethod(config)
@@ -236,7 +236,7 @@ def test_a_pad_that_stops_is_not_flown_after_as_if_it_drove_on() -> None:
 
 
 def test_a_pad_that_sways_is_followed_closely_enough_to_land_on() -> None:
-    """0.3 m to and fro in 5 s was smoothed as if an airframe swung: 0.3 m off, it never landed."""
+    """Once, 0.3 m to and fro in 5 s was smoothed away: always 0.3 m off, it never landed."""
     method, limiter = TrackingMethod(CONFIG), Limiter(OPTIONS.limits)
     vehicle, position = HorizontalResponse(ResponseOptions(delay_s=0.1)), 0.0
     omega, off = 2.0 * math.pi * 0.2, []
@@ -267,7 +267,7 @@ def swung(method: TrackingMethod, *, seconds: float, by_m: float) -> float:
 
 
 def test_a_swing_that_smaller_gains_do_not_calm_is_the_winds_and_wants_the_gains_it_had() -> None:
-    """Gusts moved a vehicle on its least gains by 0.2 m, and it never came down."""
+    """Once, gusts moved a vehicle with its smallest gains by 0.2 m, and it never came down."""
     fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
     calmed = swung(TrackingMethod(CONFIG), seconds=11.0, by_m=0.2)
     assert calmed < 0.6 * fresh
@@ -277,7 +277,7 @@ def test_a_swing_that_smaller_gains_do_not_calm_is_the_winds_and_wants_the_gains
 
 
 def test_a_swing_that_grows_as_the_gains_are_lowered_is_the_winds_at_once() -> None:
-    """In gusts it took ten seconds of ever larger swings until the gains were back."""
+    """Once, in gusts, the gains were back only after 10 s of ever larger swings."""
     fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
     method = TrackingMethod(CONFIG)
     assert swung(method, seconds=4.2, by_m=0.1) < 0.8 * fresh
@@ -285,7 +285,7 @@ def test_a_swing_that_grows_as_the_gains_are_lowered_is_the_winds_at_once() -> N
 
 
 def test_a_pad_that_stops_under_a_calmed_vehicle_is_no_gust() -> None:
-    """What it was off then gave it back the gains that it swings by itself with, for good."""
+    """Once, the error that this causes restored the gains by which it swings, for good."""
     fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
     method = TrackingMethod(CONFIG)
     assert swung(method, seconds=4.2, by_m=0.1) < 0.8 * fresh
@@ -299,7 +299,7 @@ def test_a_pad_that_stops_under_a_calmed_vehicle_is_no_gust() -> None:
 
 
 def test_gains_that_were_restored_are_reduced_again_if_the_vehicle_swings_more() -> None:
-    """It swung in gusts, got its gain back, and then swung by itself for the rest of the flight."""
+    """Once, it swung in gusts, got its gains back, and swung by itself until the end."""
     fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
     method = TrackingMethod(CONFIG)
     swung(method, seconds=4.2, by_m=0.1)

@@ -68,7 +68,7 @@ def test_a_long_timeout_fails_with_the_height_from_which_it_strikes(
 
 @pytest.mark.parametrize("options", [32.0, 48.0, float("nan")])
 def test_guid_options_that_let_velocities_drift_are_a_failure(options: float) -> None:
-    """ArduCopter in SITL drifted at 0.1 m/s beside every order, and never came to the pad."""
+    """ArduCopter in SITL drifted at 0.1 m/s beside every order, and never reached the pad."""
     values = SOUND | {"ARMING_CHECK": 1.0, "GUID_OPTIONS": options}
     (finding,) = parameter_findings(CONFIG, values)
     assert (finding.level, finding.mend) == ("fail", "set GUID_OPTIONS 0")

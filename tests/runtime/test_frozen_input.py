@@ -70,7 +70,7 @@ def test_pictures_that_are_all_white_or_black_are_new_ones_whatever_pixels_are_d
 
 
 def test_a_frozen_picture_is_noticed_without_comparing_all_its_levels() -> None:
-    """It is in the loop: 27 ms for each of 1920x1080 left too little time for the set-points."""
+    """This runs in the loop: 27 ms per picture of 1920x1080 left too little time for set-points."""
 
     def quickest(call: Callable[[], object]) -> float:
         began = [time.perf_counter()]
@@ -90,7 +90,7 @@ def test_a_frozen_picture_is_noticed_without_comparing_all_its_levels() -> None:
 
 @pytest.mark.parametrize("rows", [1, 10, 12])
 def test_of_an_even_picture_only_rows_with_different_levels_count(rows: int) -> None:
-    """Of 1080 rows a hundredth may differ, those that are compared first among them."""
+    """Of 1080 rows a hundredth may differ, among them those that are compared first."""
     frozen, image = FrozenInput(), np.full((1080, 64), 255, np.uint8)
     image[: 32 * rows : 32] = np.random.default_rng(1).integers(0, 250, (rows, 64), np.uint8)
     frozen.picture_repeats(image)

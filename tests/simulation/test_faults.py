@@ -87,7 +87,7 @@ def test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere() -> None:
 
 
 def test_a_pad_that_jerks_out_of_the_picture_after_commit_is_not_sunk_onto() -> None:
-    """Two pictures show where it goes, and then none shows it."""
+    """Two pictures show where it goes, and then it is out of sight."""
     jerk = "{fault: pad-jerks, at: {phase: LANDED, after_s: 0.05}, severity: 1.0}"
     simulation = flown(jerk, AS_FOUND)
     assert simulation.daemon.lander.aborts > 0
@@ -137,7 +137,7 @@ def test_told_to_stop_it_stops_and_ends() -> None:
 def test_the_switch_goes_low_a_hands_breadth_over_a_moving_pad(
     pad_mps: float, height_m: float
 ) -> None:
-    """Its feet touch as it is to climb away: levelled as its thrust came, it was thrown off."""
+    """Its feet touch as it is to climb away: once it was levelled then, and thrown off."""
     low = f"{{fault: switch-low, at: {{height_m: {height_m}}}, for_s: 2}}"
     simulation = flown(low, f"sim.pad.speed_mps={pad_mps}", AS_FOUND)
     assert simulation.score.landed
@@ -146,7 +146,7 @@ def test_the_switch_goes_low_a_hands_breadth_over_a_moving_pad(
 
 @pytest.mark.parametrize("pad_mps", [2.0, 5.0])
 def test_a_link_that_dies_as_it_sinks_onto_a_moving_pad(pad_mps: float) -> None:
-    """Stopped where it will be when it has stopped, not where it was last seen."""
+    """It must stop where the pad will be when it has stopped, not where the pad was last seen."""
     dead = "{fault: link-dead-down, at: {height_m: 0.28}, for_s: 1.5}"
     simulation = flown(dead, f"sim.pad.speed_mps={pad_mps}", AS_FOUND)
     assert simulation.score.landed
@@ -199,14 +199,17 @@ def test_the_acceleration_by_a_gust_is_not_blamed_on_landerd() -> None:
     "fault", ["rc-missing, at: {height_m: 0.25}, for_s: 2", "sigterm, at: {height_m: 0.1}"]
 )
 def test_just_over_a_moving_pad_it_leaves_before_it_stops(fault: str) -> None:
-    """Stopped there, the pad would pull its feet away: a 5 m/s deck tipped it to 68 degrees."""
+    """Stopped there, its feet would be pulled away: a 5 m/s deck tipped it to 68 degrees."""
     simulation = flown(f"{{fault: {fault}}}", AS_FOUND, "sim.pad.speed_mps=2")
     assert broken(simulation) == set()
     assert simulation.monitor.worst.tilt_deg < 15.0
 
 
 def test_an_air_cushion_over_the_pad_is_not_taken_for_contact() -> None:
-    """It was: level without thrust 0.15 m up. A fifth more thrust is the most that was measured."""
+    """Once, it was levelled without thrust 0.15 m up.
+
+    A fifth more thrust is the most that was measured.
+    """
     cushion = "{fault: ground-effect, at: {phase: DESCENT}, severity: 0.25}"
     simulation = flown(cushion, AS_FOUND)
     assert broken(simulation) == set()
@@ -215,7 +218,7 @@ def test_an_air_cushion_over_the_pad_is_not_taken_for_contact() -> None:
 
 @pytest.mark.parametrize("fault", ["attitude-frozen", "position-frozen", "pictures-frozen"])
 def test_frozen_telemetry_and_pictures_with_new_times_break_the_landing_off(fault: str) -> None:
-    """Frozen, the attitude made it swing up to 9 m off, and a picture drew it 17 m sideways."""
+    """Once, a frozen attitude made it swing up to 9 m, and a frozen picture drew it 17 m off."""
     frozen = f"{{fault: {fault}, at: {{phase: DESCENT, after_s: 1}}, for_s: 4}}"
     simulation = flown(frozen, script=until_soon_after)
     assert broken(simulation) == set()

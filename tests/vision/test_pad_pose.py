@@ -98,7 +98,7 @@ def test_a_second_marker_settles_the_planar_ambiguity() -> None:
 
 
 def test_a_tag_whose_mirrored_pose_explains_it_better_does_not_displace_the_ring() -> None:
-    """From that pose's north no step led back, and the pad was seen 15 % of its range off."""
+    """Once, no step of the fit led back from the mirrored pose's north: 15 % of the range off."""
     at = look(THESIS_CAMERA, 8.0, 1.0, pixel=(300.0, 200.0), heading=5.27)
     noisy = Optics(noise=8.0, background="grass")
     image = render(at, THESIS_CAMERA, noisy, np.random.default_rng(3), THESIS_PAD)

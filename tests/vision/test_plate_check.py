@@ -201,7 +201,7 @@ def is_pad_in(image: U8) -> bool:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_ring_on_bright_ground_without_any_print_beside_it_is_none(seed: int) -> None:
-    """As a tyre in the grass: the ground round it is all the white there is."""
+    """As a tyre in the grass: the ground round it is the only white."""
     assert not is_pad_in(ring_on_clouds(140.0, 60.0, 4.0, 1.0, seed))
 
 
@@ -236,7 +236,7 @@ def shown_for(seconds: float) -> Callable[[float, bool], bool]:
 
 
 def test_a_pad_in_track_stays_seen_while_its_plate_is_hidden() -> None:
-    """Twice as long as it was seen, two thirds of a second at most: in glare or leaf shade."""
+    """For twice as long as it was seen, at most two thirds of a second: in glare or leaf shade."""
     is_seen_at = shown_for(3.0)
     seen = [is_seen_at(t, False) for t in np.arange(0.0, 2.5, 0.1).tolist()]
     assert seen == sorted(seen, reverse=True)
@@ -333,7 +333,7 @@ def test_the_pad_is_seen_behind_a_nearer_ring_that_is_another_s() -> None:
 
 
 def test_while_a_leg_hides_the_pad_that_is_known_another_s_ring_is_not_taken_for_it() -> None:
-    """Its heading was known, and a tyre 10 m off was followed and descended to."""
+    """Once, with the heading known, a tyre 10 m off was followed and descended to."""
     at = look(IDEAL_CAMERA, 6.0, 0.4, pixel=(150.0, 230.0), tilt_towards=1.0, heading=0.3)
     tyre = look(IDEAL_CAMERA, 9.0, 0.4, pixel=(480.0, 230.0), tilt_towards=1.0, heading=0.3)
     rng = np.random.default_rng(2)

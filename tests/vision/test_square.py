@@ -86,7 +86,7 @@ def searched_thrice_each_way(square: Square, image: U8) -> bool:
 
 
 def test_the_shadow_of_an_arm_across_a_square_hides_it_from_no_search() -> None:
-    """Nothing else is on the pad that would tell where to look for it."""
+    """Nothing else on this pad would show where to search for it."""
     square, count = tag("4X4_50", 7, 0.6), 0
     for k in range(12):
         view = look(THESIS_CAMERA, 1.8, 0.3, pixel=(320, 240), heading=0.5 * k)
@@ -287,7 +287,7 @@ def test_a_tag_that_is_hidden_for_the_most_or_another_is_not_tracked(
 def test_a_tag_that_the_picture_s_edge_cuts_is_tracked_while_enough_of_its_code_is_in_view(
     in_view: float, is_tracked: bool
 ) -> None:
-    """Of a border alone any pose may be fitted: it told the pad 1.2 m off within 3 cm."""
+    """Any pose may fit a border alone: once it placed the pad 1.2 m off, with a sigma of 3 cm."""
     square = tag()
     side = THESIS_CAMERA.fx * square.size_m / 2.5
     beyond = THESIS_CAMERA.width - 1 + (0.5 - in_view) * side

@@ -35,7 +35,7 @@ def test_the_heading_turns_with_the_vehicle(rate_deg_s: float) -> None:
 
 
 def test_noise_of_the_heading_makes_no_jerk_beyond_the_limit() -> None:
-    """At 5 m/s across, in set-points 25 ms apart, and a tenth of a degree of noise."""
+    """At 5 m/s across, with set-points 25 ms apart and 0.1 degrees of noise."""
     off = turned(0.1, 10.0)[50:]
     steps = [b - a for a, b in pairwise(off)]
     jerks = [5.0 * abs(b - a) / 0.025**2 for a, b in pairwise(steps)]

@@ -179,7 +179,7 @@ def test_an_overtaken_message_is_dropped() -> None:
 
 @pytest.mark.parametrize("wrong_ms", [0, 2**32 - 1, 400_000])
 def test_one_stamp_that_does_not_fit_is_no_restart(wrong_ms: int) -> None:
-    """It was, and every message after one from far ahead; then it waited for the pilot's switch."""
+    """Once it was, later messages seemed far ahead, and the pilot's switch had to be moved."""
     got, driver = received_bytes(
         lambda codec: b"".join(
             codec.encode(attitude(ms)) for ms in (90_000, 90_020, wrong_ms, 90_040, 90_060)
@@ -198,7 +198,7 @@ def test_two_stamps_that_fit_each_other_are_a_restart() -> None:
 
 @pytest.mark.parametrize("up_s", [100.0, 2.0**32 / 1e3 + 100.0, 3.0 * 2.0**32 / 1e3 + 5.0])
 def test_the_clock_is_known_however_long_the_autopilot_was_up(up_s: float) -> None:
-    """Its stamps have 32 bits and begin anew after 49.7 days, what it answers to TIMESYNC not."""
+    """Time stamps have 32 bits and wrap after 49.7 days; answers to TIMESYNC do not."""
     got: list[object] = []
 
     async def main() -> None:
@@ -277,7 +277,7 @@ def test_a_stream_that_comes_too_slowly_is_asked_for_again_and_said_once(
 
 
 def test_after_a_restart_everything_is_asked_again_with_the_first_message() -> None:
-    """Only heartbeats come then: the answer to TIMESYNC shows at once that the clock went back."""
+    """Only heartbeats come then; the answer to TIMESYNC shows at once that the clock went back."""
 
     async def scene(f: Flight) -> None:
         f.autopilot.reboot()
@@ -452,7 +452,7 @@ def test_with_bytes_damaged_and_writes_lost_only_sound_values_come_through() -> 
 def test_sound_frames_with_any_content_never_raise(
     contents: list[tuple[int, bytes, tuple[int, int]]],
 ) -> None:
-    """Of the autopilot and of a ground station; those with parameters and commands to landerd."""
+    """From the autopilot and from a ground station, with parameters and commands for landerd."""
     to_us = {20: b"\xff\xff\x01\xbf", 21: b"\x01\xbf", 23: b"\x00\x00\x80?\x01\xbf"}
     received_bytes(
         lambda codec: b"".join(

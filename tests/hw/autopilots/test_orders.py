@@ -70,7 +70,7 @@ def test_in_body_ned_the_vehicle_flies_the_same_way() -> None:
 
 
 def test_while_yawing_local_ned_keeps_its_course_and_body_ned_drifts() -> None:
-    """Why local_ned is the default: a body set-point is turned back by a later heading."""
+    """Therefore local_ned is the default: a body set-point is turned by a later heading."""
     sideways: dict[str, float] = {}
     for frame in ("local_ned", "body_ned"):
 
@@ -169,7 +169,7 @@ def test_figures_are_sent_by_name_for_plots() -> None:
 
 
 def test_the_thesis_type_mask_selects_the_same_fields_as_ours() -> None:
-    """1991 has the force bit besides, which has no meaning without acceleration."""
+    """The thesis's 1991 has the force bit, too, which has no meaning without acceleration."""
     assert mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET == 1479 ^ 1991
     flown: list[tuple[float, ...]] = []
     for mask in (1479, 1991):

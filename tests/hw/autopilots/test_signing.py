@@ -194,7 +194,7 @@ def test_a_full_disk_is_warned_of_and_all_is_signed_nevertheless(
 def test_a_loss_of_power_leaves_the_old_stamp_or_the_new_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What has not come to the disk takes no file's place."""
+    """The new file replaces the old one only after it has been written to the disk."""
     signing(tmp_path)
     kept = (tmp_path / "time").read_text()
     on_disk: list[str] = []

@@ -341,7 +341,7 @@ SCAN, TABLES = b"\xff\xda", b"\xff\xdb"  # TABLES: of the picture, behind the th
 def test_half_a_jpeg_with_a_thumbnail_is_no_picture(
     cut_at: tuple[bytes, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The thumbnail's end is not the picture's, also for a decoder that takes half a picture."""
+    """The end marker of the thumbnail is not the picture's, even if a decoder accepts it."""
     marker, behind = cut_at
     if marker == SCAN:
         monkeypatch.setattr(
@@ -671,7 +671,7 @@ def test_a_camera_whose_exposure_cannot_be_set_keeps_its_own_automatic() -> None
 
 @pytest.mark.parametrize("hangs", ["open", "close", "set_control"])
 def test_a_camera_that_hangs_does_not_keep_the_process_from_ending(hangs: str) -> None:
-    """TimeoutStopSec is 6 s: killed, the service would have failed, and the log lack its end."""
+    """Otherwise systemd kills the service after TimeoutStopSec, 6 s, and the log lacks its end."""
     source, hung, let_go = FakeCamera(ranges=ADJUSTABLE), threading.Event(), threading.Event()
 
     def hang(*_: object) -> Any:

@@ -146,7 +146,7 @@ def test_no_angle_is_reported_before_the_sensor_was_still_for_a_moment() -> None
 
 
 def test_opened_again_in_the_air_it_goes_on_with_the_error_it_had_learnt() -> None:
-    """One failed read lost the gimbal for the rest of the flight: nothing is still in the air."""
+    """Once, one failed read lost the gimbal for the flight: in the air nothing is still."""
 
     async def scene(sensor: Sensor, imu: object) -> None:
         await imu.open()  # type: ignore[attr-defined]
@@ -176,7 +176,7 @@ def test_opened_again_in_the_air_it_goes_on_with_the_error_it_had_learnt() -> No
 def test_a_chip_that_was_reset_is_lost_and_set_up_again(
     kind: Any, registers: dict[int, int], flat: list[int], nothing: list[int]
 ) -> None:
-    """Asleep after a brown-out it showed nothing, and its last angle was told for ever."""
+    """Once, a chip asleep after a brown-out measured nothing, and its last angle was kept."""
 
     async def scene(sensor: Sensor, imu: object) -> None:
         await imu.open()  # type: ignore[attr-defined]

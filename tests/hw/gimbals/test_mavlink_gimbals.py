@@ -182,7 +182,7 @@ def test_v2_turns_a_yaw_from_north_into_one_from_the_airframe_or_tells_that_it_c
 def test_v2_believes_one_of_two_gimbals(
     asked: int, believed_deg: float, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Orders went to the landing camera's, and the angles of the other mount were flown by."""
+    """Once, orders went to the landing camera's gimbal, and the angles of the other were used."""
 
     async def scene(gimbal: MavlinkGimbal, wire: Wire) -> None:
         for i in range(10):
@@ -300,7 +300,7 @@ def test_the_mounts_angles_are_composed_as_ardupilot_does() -> None:
 def test_an_angle_that_cannot_be_loses_neither_the_link_nor_what_comes_after(
     impossible: float,
 ) -> None:
-    """An infinite one was taken for a lost autopilot, and the last velocity flew on."""
+    """Once, an infinite angle was taken for a lost autopilot, and the last velocity flew on."""
 
     async def scene(gimbal: MavlinkMountGimbal, wire: Wire) -> None:
         for boot_ms, pitch in ((1000, impossible), (1040, -90.0)):

@@ -166,7 +166,7 @@ def test_sysfs_exports_a_channel_that_is_not_there(tmp_path: Path) -> None:
 def test_sysfs_of_a_channel_that_another_program_switched_off_is_lost_and_opened_anew(
     tmp_path: Path,
 ) -> None:
-    """As ArduPilot does with its board's as it starts: the servo hung, and was told to turn."""
+    """ArduPilot does so with its board's channels at its start: the servo ignored all orders."""
     gimbal = sysfs(chip(tmp_path))
     enable = tmp_path / "pwm0" / "enable"
 
@@ -271,6 +271,6 @@ def test_the_autopilots_outputs_count_from_one() -> None:
     ],
 )
 def test_what_the_pca9685_cannot_do_is_refused(options: dict[str, Any], expected: str) -> None:
-    """The prescaler is a byte: 274 was 18, and the pulses fifteen times as short."""
+    """The prescaler is one byte: once 274 became 18, and the pulses were 15 times too short."""
     with pytest.raises(ValidationError, match=expected):
         ServoPca9685Options.model_validate({"pitch": TILT, **options})

@@ -196,7 +196,7 @@ def test_tcp_both_ways_and_the_loss_of_the_peer() -> None:
 
 
 def test_a_second_connection_does_not_cut_that_of_the_autopilot() -> None:
-    """Any stranger's connect ended its connection, and he was sent the set-points."""
+    """Once, a stranger's connection ended the autopilot's, and received the set-points."""
 
     async def scene() -> None:
         port = free_port(socket.SOCK_STREAM)
@@ -218,7 +218,7 @@ def test_a_second_connection_does_not_cut_that_of_the_autopilot() -> None:
 
 
 def test_a_tcp_peer_that_does_not_answer_is_called_again_soon() -> None:
-    """The kernel's own calls come ever more rarely: landerd came back half a minute after it."""
+    """The kernel retries ever more rarely: once landerd came half a minute after its peer."""
 
     async def scene() -> None:
         with contextlib.ExitStack() as sockets:
@@ -328,7 +328,7 @@ def test_another_program_that_reads_the_port_too_is_not_taken_for_a_lost_device(
 def test_a_serial_port_slow_to_open_or_close_does_not_block_the_loop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """As one does for half a minute whose device takes no bytes."""
+    """The kernel takes half a minute if the device accepts no bytes."""
     open_port, close_port = serial.Serial.open, serial.Serial.close
 
     def late(work: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -369,7 +369,7 @@ def test_a_serial_port_slow_to_open_or_close_does_not_block_the_loop(
 def test_a_serial_port_is_let_go_though_the_daemon_ends_while_it_closes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Else the kernel waits at the end of the process for what the device never takes."""
+    """Otherwise the kernel waits at the process's end for bytes that the device never accepts."""
     flushed: list[int] = []
     monkeypatch.setattr(serial.Serial, "out_waiting", 64)
     monkeypatch.setattr(termios, "tcflush", lambda fd, what: flushed.append(what))
@@ -479,7 +479,7 @@ def test_a_serial_port_that_cannot_be_opened_says_why() -> None:
 
 
 def test_memory_keeps_the_order_of_what_was_written_whatever_the_delays() -> None:
-    """Three messages of one control step with one delay came out of order once in a while."""
+    """Once, three messages of one control step with equal delays sometimes changed their order."""
 
     async def scene() -> None:
         near, far = memory_pair()

@@ -13,7 +13,7 @@ from landerd.runtime.clock import run_virtual
 
 
 def test_the_first_of_two_overlapping_faults_may_end_first_and_nothing_is_left() -> None:
-    """A link that was late and then lossy too stayed late for the rest of the flight."""
+    """Once, a link that was late and then also lossy stayed late for the rest of the flight."""
     near, far = memory_pair()
     near.faults = sound = LinkFaults(jitter_s=0.01)
     bench = cast(Bench, SimpleNamespace(vehicle=SimpleNamespace(near=near, far=far)))

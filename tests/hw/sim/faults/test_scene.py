@@ -12,7 +12,7 @@ from hw.sim.snapshot import Snapshot
 
 
 def test_after_overlapping_faults_the_world_is_as_it_was() -> None:
-    """Of two that overlapped the first was to be seen for ever."""
+    """Once, the first of two that overlapped stayed visible for ever."""
 
     def truth(t: float) -> Snapshot:
         raise AssertionError("no picture is taken")

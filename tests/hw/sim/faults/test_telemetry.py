@@ -38,7 +38,7 @@ class Autopilot:
 
 
 def test_the_first_of_two_overlapping_faults_may_end_first() -> None:
-    """The second of two faults of a message ended with the first."""
+    """Once, the second of two faults of a message ended with the first."""
     autopilot = Autopilot()
     biased = FAULTS["position-biased"](autopilot.bench, 0.5)
     lost = FAULTS["position-lost"](autopilot.bench, 0.5)

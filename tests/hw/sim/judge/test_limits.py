@@ -57,7 +57,7 @@ def test_acceleration_and_jerk_need_two_and_three_set_points() -> None:
 
 
 def test_in_the_body_s_frame_the_heading_at_sending_counts_as_known_to_a_seventh_degree() -> None:
-    """At 4 m/s 0.1 degrees to the left and to the right are 0.56 m/s^2 and 45 m/s^3."""
+    """At 4 m/s, 0.1 degrees to the left and to the right make 0.56 m/s^2 and 45 m/s^3."""
     wobbles: list[Vec3] = [(4.0, 0.007 * (-1) ** i, 0.0) for i in range(6)]
     assert broken(*wobbles) != []
     assert broken(*wobbles, in_body_frame=True) == []

@@ -430,7 +430,7 @@ def test_2_contact_is_noticed_within_the_blind_budget(age_s: float, broken: bool
 def test_2_motion_of_the_pad_that_no_picture_has_shown_yet_is_not_judged(
     speed_mps: float, late_s: float, broken: bool
 ) -> None:
-    """At the edge of the region it goes 1.5 m/s slower at once."""
+    """At the edge of the region the pad becomes 1.5 m/s slower at once."""
     court = Court()
     edge_m = BOUNDS.k1_m * math.exp(BOUNDS.k2_per_m * 5.0)
 
@@ -535,7 +535,7 @@ def test_2_an_error_of_heading_by_a_camera_mounted_askew_is_not_judged(
 def test_2_turning_of_the_pad_that_no_picture_has_shown_yet_is_not_judged(
     turned_before: bool, late_s: float, broken: bool
 ) -> None:
-    """It turns by 30 degrees a second; the vehicle turned with it, and does so no more."""
+    """The pad turns at 30 degrees/s; the vehicle turned with it, and does so no longer."""
     court = Court()
 
     def fly(seconds: float, pad_turns: bool, vehicle_turns: bool) -> None:
@@ -821,7 +821,7 @@ def test_6_a_vehicle_left_standing_is_unconfirmed_from_when_it_may_fly_again(
 
 
 def test_6_without_a_pad_and_silent_it_need_not_report_an_unconfirmed_touch_down() -> None:
-    """The heartbeat was back, and the gimbal silent: it could not know where it stood."""
+    """The heartbeat is back, but the gimbal is silent: landerd cannot know where it stands."""
     court = left_standing(2.0)
     court.wait(9.0)
     court.fly(6.0, SINK)
