@@ -11,12 +11,12 @@ settings.load_profile("landerd")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what takes longest, a page's commands, that no worker is left with them."""
+    """Run the longest tests, of a page's commands, first, so that they do not start last."""
     items.sort(key=lambda item: "run_as_printed" not in item.name)
 
 
 def pytest_collection_finish() -> None:
-    """Leave what was collected, which stays to the end, out of every later garbage collection."""
+    """Exempt the collected tests, which are kept to the end, from later garbage collections."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000)  # flights make many small objects: a tenth of their time went into it

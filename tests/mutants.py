@@ -19,7 +19,7 @@ PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider")
 
 
 class Mutant(NamedTuple):
-    """One rule taken out."""
+    """A change of the code that disables one safety rule."""
 
     rule: str
     file: str

@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 def run_quickly(main: Coroutine[Any, Any, T], *, rate: float = 3.0) -> T:
-    """Run a coroutine to its end on a loop whose clock runs so many times as fast."""
+    """Run a coroutine on a loop whose clock runs this many times as fast as the wall's."""
 
     def loop() -> SlavedLoop:  # that nobody tells any other time
         made = SlavedLoop()

@@ -25,7 +25,7 @@ def recorder(
 
 
 class RecordedFlight(Flight):
-    """Gives the recorder what the daemon would; a picture comes with every sighting."""
+    """A scripted flight that calls the recorder as the daemon would, a picture per sighting."""
 
     def __init__(self, recorder: Recorder, image: np.ndarray[Any, Any] | None = None) -> None:
         super().__init__(position=(-0.8, 0.3, -2.0))

@@ -31,14 +31,14 @@ class Pose:
 
 
 def chessboard(columns: int, rows: int) -> NDArray[np.uint8]:
-    """Return a chessboard of so many inner corners with a white margin of one square."""
+    """Return a picture of a chessboard with this many inner corners and a margin of one square."""
     board = np.add.outer(np.arange(rows + 1), np.arange(columns + 1)) % 2 * 255
     board = np.pad(board, 1, constant_values=255).astype(np.uint8)
     return np.asarray(np.kron(board, np.ones((_TEXTURE, _TEXTURE), np.uint8)))
 
 
 def charuco(columns: int, rows: int) -> NDArray[np.uint8]:
-    """Return a ChArUco board of so many squares with a white margin of one square."""
+    """Return a picture of a ChArUco board with this many squares and a margin of one square."""
     markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     board = cv2.aruco.CharucoBoard((columns, rows), SQUARE_M, MARKER_M, markers)
     image = board.generateImage((columns * _TEXTURE, rows * _TEXTURE))
@@ -82,7 +82,7 @@ class Photographer:
 
 
 def wide_views(distance_m: float, most_deg: float) -> list[Pose]:
-    """Return poses all around a wide picture, so far away, turned towards the camera and tilted."""
+    """Return poses of a board at a distance, all over a wide picture, facing the camera, tilted."""
     poses = []
     directions = [(across, down) for down in (-1.0, 0.0, 1.0) for across in (-1.0, 0.0, 1.0)]
     for i, (across, down) in enumerate([*directions, (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)]):

@@ -34,7 +34,7 @@ STANDS = (  # as on a table, the pad before it; little is disturbed
 
 
 class Standing(World):
-    """On a table: nothing moves but the gimbal."""
+    """A vehicle that stands on a table: only the gimbal moves."""
 
     def _move(self, pad: PadState | None) -> None:
         pass

@@ -120,6 +120,6 @@ def test_rows_are_those_of_a_local_campaign_although_a_worker_was_killed(
 
 
 def without_clock(run: Run) -> Run:
-    """Return the run without what the wall's clock said of it."""
+    """Return a run without its wall-clock times."""
     result = {k: v for k, v in (run.result or {}).items() if k != "wall_s"}
     return dataclasses.replace(run, result=result)

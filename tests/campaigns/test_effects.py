@@ -13,7 +13,7 @@ SWEEP = Sweep(scenarios=("stationary", "moving-5"), key=KEY, values=VALUES)
 
 
 def flown(campaign: Campaign, failing: Mapping[tuple[str, Any], int]) -> dict[str, list[Run]]:
-    """Ten runs of each row; of those that fail only so many land."""
+    """Return ten runs of each row; of the given rows only this many land."""
     runs = {}
     for row in campaign.all_rows:
         value = json.loads(row.settings[-1].partition("=")[2])

@@ -9,7 +9,7 @@ SEEDS = range(1, 7)
 
 
 class Valley:
-    """Costs that are least at one place; counts what was asked for."""
+    """A cost function with one minimum; counts the runs that it is asked for."""
 
     def __init__(self, least_at: Place) -> None:
         self.least_at = least_at

@@ -8,7 +8,7 @@ def halves(x: int) -> list[int]:
 
 
 def least(faults: Sequence[int], needed: int, *, most: int = 50) -> tuple[list[int], int]:
-    """Shrink numbers of which one must be at least as large as needed; count the flights."""
+    """Shrink numbers, of which one must be at least this large to fail; count the flights."""
     flown = 0
 
     def fails(tried: Sequence[int]) -> bool:

@@ -105,7 +105,7 @@ def test_wrong_input_is_one_line(
 
 
 def on_a_vehicle(answers: str) -> subprocess.CompletedProcess[str]:
-    """Test a vehicle whose devices are not there; the answers are typed."""
+    """Run bench-test on a vehicle whose devices are missing, with typed answers."""
     vehicle = str(config_dir() / "vehicles" / "pixhawk-usb.yaml")
     places = ("--height", "1.5", "--mark", "2,0", "--mark", "3,0")
     words = [sys.executable, "-m", "landerd", "bench-test", "pose", "-c", vehicle, *places]

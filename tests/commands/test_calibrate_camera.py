@@ -44,7 +44,7 @@ def report(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, di
 
 
 def check_lens(found: CameraModel, true: CameraModel) -> None:
-    """Focal length within 0.3 %; and every pixel looks where it really does."""
+    """Check the focal length within 0.3 %, and the directions of all pixels."""
     assert found.fx == pytest.approx(true.fx, rel=0.003)
     assert found.fy == pytest.approx(true.fy, rel=0.003)
     pixels = np.array([[u, v] for u in (20.0, 240.0, 460.0) for v in (20.0, 180.0, 340.0)])

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture
 def flown(monkeypatch: pytest.MonkeyPatch) -> dict[Task, Run | BaseException]:
-    """Landings are not flown; what comes of a task may be set here."""
+    """Replaces the simulator; the result of a task may be set in it."""
     outcomes: dict[Task, Run | BaseException] = {}
 
     def run_all(run_one: RunOne, tasks: Iterable[Task], jobs: int) -> Generator[Run]:
@@ -237,7 +237,7 @@ def test_a_killed_and_continued_campaign_gives_the_results_of_an_uninterrupted_o
 
 
 def _runs(kept: Path) -> list[str]:
-    """Return the runs that a file holds, without what the wall's clock said of them."""
+    """Return the runs in a file, without their wall-clock times."""
     found = []
     for line in kept.read_text().splitlines(keepends=True):
         run = json.loads(line) if line.endswith("\n") else {}

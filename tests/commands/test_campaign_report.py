@@ -17,7 +17,7 @@ SITTING = Sitting("2026-01-02 03:04 UTC", "0.1.0 (abc1234)")
 
 
 def path(flight: int) -> dict[str, list[float]]:
-    """Return a way of 20 m to the pad, seen in every other sample."""
+    """Return a flight path of 20 m to the pad, which is seen in every other sample."""
     steps = range(40)
     columns: dict[str, Any] = {key: [0.0] * 40 for key in ("east", "pad_north", "pad_east")}
     columns |= {"t": [0.3 * i for i in steps], "north": [0.5 * i - 20.0 - flight for i in steps]}
@@ -42,7 +42,7 @@ def poses(seed: int) -> dict[str, Any]:
 
 
 def keep(folder: Path, name: str, runs: int = 3, command: tuple[str, ...] = ()) -> Path:
-    """Write what a campaign would keep whose landings all go well, but the last one's."""
+    """Write the file of a campaign whose landings all succeed but the last."""
     file = folder / f"{name}.jsonl"
     campaigns = load_campaigns(name)
     with Journal(file, Plan("of " + name, campaigns, command), SITTING) as journal:

@@ -48,7 +48,7 @@ TRAITS = GimbalTraits(Reference.BODY, Feedback.MEASURED, 50.0, (-1.5, 1.5), (-ma
 
 @dataclass
 class Camera:
-    """Sends noise."""
+    """A camera that sends noise."""
 
     size: tuple[int, int] = (640, 480)
     fps: float = 30.0
@@ -86,7 +86,7 @@ class Camera:
 
 @dataclass
 class Gimbal:
-    """Follows orders at once, or as it is broken."""
+    """A gimbal that follows orders at once, unless a test breaks it."""
 
     sign: float = 1.0
     stuck: bool = False
@@ -170,7 +170,7 @@ def test_a_good_set_up_is_ready_and_the_gimbal_is_left_as_it_was() -> None:
 
 
 def set_of(name: str, value: object) -> Callable[[SetUp], None]:
-    """Return what breaks a set-up: an attribute by its dotted name."""
+    """Return a function that sets an attribute of a set-up, given by its dotted name."""
 
     def change(set_up: SetUp) -> None:
         *path, last = name.split(".")
@@ -183,7 +183,7 @@ def set_of(name: str, value: object) -> Callable[[SetUp], None]:
 
 
 def given(setting: str) -> Callable[[SetUp], None]:
-    """Return what sets a key of the configuration."""
+    """Return a function that sets a key of a set-up's configuration."""
 
     def change(set_up: SetUp) -> None:
         set_up.overrides = [setting]
@@ -209,7 +209,7 @@ def taken_switch(set_up: SetUp) -> None:
 
 
 def silent_at(url: str) -> Callable[[SetUp], None]:
-    """Return what lets an autopilot at a URL be silent."""
+    """Return a function that gives a set-up a silent autopilot at a URL."""
 
     def change(set_up: SetUp) -> None:
         set_up.speaks = False
@@ -276,7 +276,7 @@ _PADS = {  # what was entered wrongly of one that is delivered: from, to
 
 
 def pad_with(fault: str) -> Callable[[SetUp], None]:
-    """Return what enters a pad wrongly."""
+    """Return a function that gives a set-up a wrong pad file."""
 
     def change(set_up: SetUp) -> None:
         name, right, wrong = _PADS[fault]

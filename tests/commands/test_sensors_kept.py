@@ -173,7 +173,7 @@ def test_a_lens_that_sits_rolled_is_set_about_the_gimbals_axes() -> None:
 
 
 class Skewed(Flight):
-    """Its lens looks elsewhere than the gimbal says."""
+    """A flight whose lens looks elsewhere than the gimbal reports."""
 
     def __init__(self, *, up_deg: float, right_deg: float) -> None:
         super().__init__(position=(-8.0, 3.0, -8.0))

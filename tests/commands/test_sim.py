@@ -44,7 +44,7 @@ def test_a_flight_that_does_not_land_is_exit_code_1(
 
 
 class Busy(Observer):
-    """A computer that has something else to do for a moment."""
+    """A computer that is busy with something else for a moment."""
 
     _is_done = False
 

@@ -26,7 +26,7 @@ sets: 24
 
 @dataclass
 class Flights:
-    """What was asked for, and which name fails on fresh seeds."""
+    """The simulated flights that were asked for, and the name that fails on fresh seeds."""
 
     asked: list[Task] = field(default_factory=list)
     fails: str = "none"
@@ -34,7 +34,7 @@ class Flights:
 
 @pytest.fixture
 def flown(monkeypatch: pytest.MonkeyPatch) -> Flights:
-    """Nothing is flown: the nearer kp is to 3 the faster it lands."""
+    """Replaces the simulator: the nearer kp is to 3, the faster it lands."""
     flights = Flights()
 
     def run_all(run_one: RunOne, tasks: Iterable[Task], jobs: int) -> Generator[Run]:

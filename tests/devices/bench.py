@@ -9,13 +9,13 @@ from typing import Any
 
 
 def sh(command: str) -> str:
-    """Run a command and return what it said."""
+    """Run a command and return its output."""
     done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
     return (done.stdout + done.stderr).strip()
 
 
 def wait_for(done: Callable[[], bool], what: str, limit_s: float = 60.0) -> float:
-    """Wait, and return how long it took, s."""
+    """Wait for a condition; return how long it took, s."""
     start = time.monotonic()
     while not done():
         assert time.monotonic() - start < limit_s, f"{what} did not come"

@@ -80,7 +80,7 @@ def busyness() -> float:
 
 
 class Seen(Observer):
-    """An observer: when what last came in."""
+    """An observer that keeps the time of the last input of each kind."""
 
     def __init__(self) -> None:
         self.t = {"camera": -math.inf, "gimbal": -math.inf, "autopilot": -math.inf}
@@ -96,7 +96,7 @@ class Seen(Observer):
 
 
 class StillMount(SimMount):
-    """A gimbal that stands still in no world."""
+    """The model of a gimbal that stands still, without a world."""
 
     def __init__(self) -> None:
         self.plant = GimbalPlant(SimGimbalOptions())
@@ -114,7 +114,7 @@ class StillMount(SimMount):
 
 
 class Lines(logging.Handler):
-    """Keeps what is logged."""
+    """A handler that keeps all log lines."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -29,7 +29,7 @@ HEADER = struct.Struct(
 
 
 class Handover:
-    """Stands where a simulation's daemon is, and hands its devices to one elsewhere."""
+    """Takes the place of a simulation's daemon, and passes its devices to one elsewhere."""
 
     def __init__(self, simulation: Simulation, url: str, pictures: Path) -> None:
         """Url: where that landerd listens for MAVLink. pictures: a socket to make, for its camera.
@@ -84,7 +84,7 @@ class Handover:
 
 
 class SocketCameraOptions(Section):
-    """It has none."""
+    """The camera has no options."""
 
 
 class SocketCamera:

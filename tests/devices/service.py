@@ -30,7 +30,7 @@ TOO_LATE_S = 0.15  # pauses as long as this make old data of new ones: nothing i
 
 
 class Orders:
-    """What landerd sends for flying, as it is on the wire."""
+    """Counts landerd's flight orders on the wire."""
 
     def __init__(self, simulation: Simulation) -> None:
         self.setpoints: list[tuple[float, float]] = []  # time, fastest of its speeds
@@ -55,17 +55,17 @@ class Orders:
 
     @property
     def longest_pause_s(self) -> float:
-        """Of this process, and of landerd between two set-points."""
+        """Return the longest pause, of this process or between two of landerd's set-points, s."""
         times = [t for t, _ in self.setpoints]
         return max(self.late_s, *(after - before for before, after in pairwise(times)))
 
     def since(self, t: float) -> list[float]:
-        """Return the speeds ordered since then."""
+        """Return the speeds ordered since a time."""
         return [speed for at, speed in self.setpoints if at >= t]
 
 
 async def until(done: Callable[[], bool], what: str, limit_s: float = 20.0) -> float:
-    """Wait, and return how long it took, s."""
+    """Wait for a condition; return how long it took, s."""
     loop = asyncio.get_running_loop()
     start = loop.time()
     while not done():
@@ -109,7 +109,7 @@ def is_new(pid: str) -> bool:
 
 
 def as_user(command: str) -> str:
-    """Run a command as a person would, with what is installed and not what is tested here."""
+    """Run a command as a user would, with the installed program and not the one tested here."""
     return sh(f"env -u PYTHONPATH {command}")
 
 

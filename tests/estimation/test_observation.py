@@ -189,7 +189,7 @@ def test_a_picture_older_or_much_younger_than_the_telemetry_is_not_observed() ->
 
 
 def jacobian(seen: PadObservation) -> Jacobian:
-    """By the biases, of what is seen where it is."""
+    """Return the derivatives of the pad's seen place by the biases."""
     return seen.biases.jacobian(seen.arm, seen.biases.range_share)
 
 

@@ -159,7 +159,7 @@ def mean_nis(pad_filter: PadFilter, sightings: Iterable[PadObservation]) -> floa
 
 
 def scaled_noise(at: Iterable[float], factor: float, seed: int) -> Iterable[PadObservation]:
-    """Yield sightings whose noise is so many times what they say of it."""
+    """Yield sightings whose noise is this many times as large as stated."""
     noise = random.Random(seed)
     for t in at:
         off = sub(sighting(t, PAD, noise=noise).position, PAD)
@@ -712,7 +712,7 @@ CLOSE = matscale(IDENTITY, 0.005**2)
 
 
 def quiet(count: int = 90) -> PadFilter:
-    """A pad seen for some seconds so quietly that next to no noise is left."""
+    """Return a filter that has seen a pad for some seconds with hardly any noise."""
     noise = random.Random(5)
     pad_filter = PadFilter(OPTIONS)
     for t in times(count):

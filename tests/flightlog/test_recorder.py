@@ -56,7 +56,7 @@ def test_the_state_after_every_change_of_phase_is_there_though_the_log_ends_with
 
 
 class StuckDisk:
-    """os.fsync of a disk that answers when the test lets it."""
+    """Replaces os.fsync: a disk that answers only when the test lets it."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self._stuck = False
@@ -64,7 +64,7 @@ class StuckDisk:
         monkeypatch.setattr("landerd.flightlog.disk.os.fsync", self._fsync)
 
     def stick(self) -> None:
-        """Answer no more, once somebody waits for an answer; the file has been begun by then."""
+        """Stop answering as soon as somebody waits; by then the file has been begun."""
         self._awaited()
         self._stuck = True
         self._awaited()

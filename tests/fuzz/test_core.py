@@ -44,7 +44,7 @@ SIGMA = st.floats(0.0, 1e9)
 
 
 def told() -> st.SearchStrategy[Input]:
-    """Messages with times counted from now."""
+    """Strategy for messages whose times count from now."""
     t = st.floats(-3.0, 0.05) | st.floats(-1e6, 0.0) | st.just(0.0)
     return st.one_of(
         st.builds(Attitude, t, NUMBER, NUMBER, NUMBER, VECTOR),

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.long
 
 
 def one_line(error: Exception, path: Path) -> None:
-    """What a user reads names the file, and is no more than lines."""
+    """Check that an error text names the file and has lines only."""
     for line in str(error).splitlines():
         assert path.name in line
         assert "Traceback" not in line

@@ -16,7 +16,7 @@ OPTIONS = MeteringSection(shortest_s=1e-4, short_s=0.004, longest_s=0.015, gain_
 
 
 class Camera:
-    """Takes orders two pictures late and tells levels 0.1 s after their exposure."""
+    """A camera that applies orders two pictures late and reports levels 0.1 s after exposure."""
 
     def __init__(
         self, tone: Callable[[float], float] = lambda light: light, period_s: float = PERIOD_S
@@ -31,12 +31,12 @@ class Camera:
         self.automatic_s = 0.008  # exposure before the first order
 
     def amount(self, t: float) -> float:
-        """Exposure times gain of the picture of time t."""
+        """Return exposure time times gain of the picture at time t."""
         taken = [o for at, o in self.orders if at + FRAMES_LATE * self.period_s <= t]
         return taken[-1].time_s * taken[-1].gain if taken else self.automatic_s
 
     def level(self, t: float, light: float) -> float:
-        """Grey level of something that is so bright, full scale at 8 ms being 1."""
+        """Return the grey level of a brightness; brightness 1 is full scale at 8 ms."""
         share = light * self.amount(t) / 0.008
         return 255.0 * min(1.0, self.tone(min(1.0, share)))
 

@@ -8,7 +8,7 @@ LOW, HIGH = 1100, 1900
 
 
 class Pilot:
-    """A gate and what is told to it, at a time that goes on."""
+    """A gate and the messages it gets; the time goes on with each."""
 
     def __init__(self, *, channel: int = 11) -> None:
         self.gate = Gate(RcSection(gate_channel=channel), FreshnessSection())

@@ -20,13 +20,13 @@ TOLD = "landerd: holding over the marker, switch to land"
 
 
 def switched(position: Vec3 = (-6.0, 2.0, -8.0), **more: object) -> Flight:
-    """Return a flight whose pilot has a switch of three positions; more: of `guidance`."""
+    """Return a flight whose pilot has a three-position switch; more: keys of `guidance`."""
     config = Config.model_validate({"rc": RC, "guidance": more})
     return Flight(config=config, position=position)
 
 
 def engage(flight: Flight) -> Flight:
-    """The pilot moves the switch into its middle, and landerd flies."""
+    """Move the pilot's switch into its middle, and fly until landerd has taken over."""
     flight.run(1.1)
     flight.pulse_us = MIDDLE
     assert flight.run(0.5), flight.lander.reason
@@ -34,7 +34,7 @@ def engage(flight: Flight) -> Flight:
 
 
 def held(flight: Flight) -> Flight:
-    """Fly on until it is held where the pilot asked for it."""
+    """Fly on until the vehicle hovers where the pilot asked it to hold."""
     end = flight.t + 60.0
     while TOLD not in flight.texts:
         assert flight.t < end, flight.lander.reason

@@ -38,7 +38,7 @@ SINKS_SLOWLY = {"touchdown_descent_mps": 0.1}  # 6 cm up it is not all but down
 
 
 def to(flight: Flight, state: State, *, at_most_s: float = 60.0) -> list[State]:
-    """Fly on until a state; return the states gone through, each once in a row."""
+    """Fly until a state is reached; return the states on the way, without repetitions."""
     gone = [flight.lander.state]
     end = flight.t + at_most_s
     while flight.lander.state is not state:
@@ -711,7 +711,7 @@ def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() ->
 
 
 def without_thrust() -> Flight:
-    """Return a flight whose vehicle just stands level, without thrust, on a pad of 1 m/s."""
+    """Return a flight that stands level without thrust on a pad at 1 m/s."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
@@ -950,7 +950,7 @@ def test_the_pilot_is_told_of_a_touch_down_that_wrong_velocities_hide() -> None:
 
 
 class Drifting(Flight):
-    """Its autopilot's height runs away downwards from commit on."""
+    """A flight whose autopilot's height drifts downwards from commit on."""
 
     drift_mps = drift_m = 0.0
 
@@ -971,7 +971,7 @@ class Drifting(Flight):
 
 
 class Biased(Flight):
-    """Its autopilot's height sinks all the time, as its velocity says."""
+    """A flight whose autopilot's height sinks all the time, as its velocity does."""
 
     def _telemetry(self) -> list[Input]:
         return [
@@ -1083,7 +1083,7 @@ def left_standing(*, detects_landing: bool = False) -> Flight:
 
 
 def does_not_take_off(flight: Flight) -> None:
-    """Check that a landing begins and ends on the pad."""
+    """Check that a landing that begins on the pad ends there."""
     begun = len(flight.setpoints)
     assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
     flight.run(0.5)

@@ -59,7 +59,7 @@ def test_a_vehicle_carried_out_of_the_region_stops_sinking_before_it_is_out() ->
 
 
 def flown(p: Phases, seconds: float, *, sinks_mps: float) -> None:
-    """Have it in DESCENT for some time, outside the narrow region."""
+    """Keep it in DESCENT for some time, outside of the narrow region."""
     p.restart()
     for _ in range(3):
         p.step(situation(0.05, 1.0))

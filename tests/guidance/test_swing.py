@@ -11,7 +11,7 @@ GAIN, DT = 2.5, 0.025
 
 
 def swings(error_of: list[tuple[float, float]]) -> bool:
-    """Tell whether any window of errors north and east, DT apart, is a swing's."""
+    """Tell whether any window of north and east errors, DT apart, counts as a swing."""
     swing, seen = Swing(), False
     for (n0, e0), (n1, e1) in pairwise(error_of):
         rate = ((n1 - n0) / DT, (e1 - e0) / DT, 0.0)

@@ -34,7 +34,7 @@ class Descent:
         clearance: float = 0.02,
         landed: Landed = Landed.IN_AIR,
     ) -> Event | None:
-        """Return the event that ends the descent, None when there is none."""
+        """Sink for some time; return the event that ends the descent, None without one."""
         for _ in range(round(seconds / DT)):
             self.t += DT
             self.touchdown.watch(self.t, (sink_rate, ordered))
@@ -195,7 +195,7 @@ STILL = ContactMotion(
 
 
 class Standing:
-    """A contact at 10 s; stepped at the control rate."""
+    """A touch-down with contact at 10 s, stepped at the control rate."""
 
     def __init__(self, **autopilot: float) -> None:
         self.touchdown = make_touchdown(**autopilot)

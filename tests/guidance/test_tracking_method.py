@@ -257,7 +257,7 @@ def test_a_pad_that_sways_is_followed_closely_enough_to_land_on() -> None:
 
 
 def swung(method: TrackingMethod, *, seconds: float, by_m: float) -> float:
-    """Swing as far so long, whatever is ordered; return what closes an error of 0.2 m then."""
+    """Swing this far for this long, whatever is ordered; return the speed ordered 0.2 m off."""
     for i in range(round(seconds / DT)):
         phase = 3.8 * i * DT
         error = (by_m * math.cos(phase), by_m * math.sin(phase), 3.0)

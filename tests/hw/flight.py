@@ -20,7 +20,7 @@ from landerd.ports import ByteLink
 
 
 class PlainAirframe:
-    """Flies every order at once and knows where it is; the ground is at z = 0."""
+    """An airframe that obeys every order at once; the ground is at z = 0."""
 
     def __init__(self, position: Vec3 = (0.0, 0.0, -10.0), yaw: float = 0.0) -> None:
         self.position, self.yaw = position, yaw
@@ -48,7 +48,7 @@ class PlainAirframe:
 
     @property
     def landed_detected(self) -> bool:
-        """Two seconds after contact, and from the start on the ground."""
+        """Tell whether landing is detected: 2 s after contact, and from the start on the ground."""
         return self._contact is not None and (self._contact == 0.0 or self._t - self._contact > 2.0)
 
     def advance(self, t: float) -> None:
@@ -89,7 +89,7 @@ def plain_autopilot(
 
 
 class Client:
-    """A MAVLink peer that keeps all it hears as (loop time, message)."""
+    """A MAVLink peer that keeps all messages it receives, as (loop time, message)."""
 
     def __init__(self, link: MemoryLink, system: int = 255, component: int = 190) -> None:
         self.link = link

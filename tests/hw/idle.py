@@ -8,11 +8,11 @@ from landerd.section import Section
 
 
 class IdleOptions(Section):
-    """It has none."""
+    """The idle devices have no options."""
 
 
 class Idle:
-    """Both at once."""
+    """A camera and a gimbal that never report anything."""
 
     traits = GimbalTraits(Reference.BODY, Feedback.MEASURED, 50.0, (-1.5, 1.5), (-1.5, 1.5))
 

@@ -14,7 +14,7 @@ THROTTLED_5 = "sys/devices/platform/soc@107c000000/soc@107c000000:firmware/get_t
 
 
 class Linux:
-    """A Raspberry Pi with everything right; tests break it."""
+    """The files of a Raspberry Pi in good order; tests break them."""
 
     def __init__(self, root: Path) -> None:
         self.root = root

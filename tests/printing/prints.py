@@ -17,7 +17,7 @@ MM_PER_INCH = 25.4
 
 
 def rasterised(file: Path, page: int, dpi: float) -> U8:
-    """Return a page (rows, columns), grey."""
+    """Return a PDF's page as a grey image (rows, columns)."""
     document = pypdfium2.PdfDocument(file)
     try:
         bitmap = document[page].render(scale=dpi / 72.0, grayscale=True)
@@ -96,7 +96,7 @@ class Print:
 
 
 def trimmed(page: U8, layout: PadLayout, left_mm: float, top_mm: float, dpi: float) -> U8:
-    """Return the plate out of a page on which its corner lies there."""
+    """Return the plate cut out of a page, given the place of its corner."""
     k = dpi / MM_PER_INCH
     width, height = (round(k * size) for size in plate_size_mm(layout))
     left, top = round(k * left_mm), round(k * top_mm)

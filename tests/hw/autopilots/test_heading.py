@@ -12,7 +12,7 @@ RATE_HZ = 50.0
 
 
 def turned(noise_deg: float, rate_deg_s: float, duration_s: float = 4.0) -> list[float]:
-    """Return what is wrong with the heading at each measurement of a vehicle that turns, rad."""
+    """Return the heading's error at each measurement of a turning vehicle, rad."""
     rng, heading, off = Random(1), Heading(), []
     rate = math.radians(rate_deg_s)
     for i in range(round(duration_s * RATE_HZ)):

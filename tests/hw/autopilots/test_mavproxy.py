@@ -67,7 +67,7 @@ class Scene:
         return {type(m) for m in self.got}
 
     def changes(self) -> list[ParameterChange]:
-        """Return what was set by hand; the autopilot tells of its own parameters besides."""
+        """Return the parameters set by hand, without those that the autopilot reports itself."""
         own = (m for m in self.got if isinstance(m, ParameterChange))
         return [m for m in own if not m.key.startswith("autopilot.")]
 

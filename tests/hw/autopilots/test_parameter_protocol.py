@@ -17,7 +17,7 @@ from tests.hw.flight import Client, Flight
 
 
 def changes(f: Flight) -> list[ParameterChange]:
-    """Return what the ground station changed; the autopilot tells its own GUID_TIMEOUT besides."""
+    """Return the ground station's changes, without the GUID_TIMEOUT that the autopilot reports."""
     return [m for m in f.got(ParameterChange) if not m.key.startswith("autopilot.")]
 
 

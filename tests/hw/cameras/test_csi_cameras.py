@@ -35,7 +35,7 @@ class Request:
 
 
 class Model:
-    """picamera2.Picamera2 as its manual has it."""
+    """A model of picamera2.Picamera2, after its manual."""
 
     made: list["Model"] = []  # noqa: RUF012
 

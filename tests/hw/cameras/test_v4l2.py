@@ -444,7 +444,7 @@ def test_a_camera_that_opens_after_nobody_waits_for_it_any_more_is_closed() -> N
 
 
 class Searched(Observer):
-    """An observer: when pictures were searched."""
+    """An observer that keeps the times at which pictures were searched."""
 
     def __init__(self) -> None:
         self.times: list[float] = []

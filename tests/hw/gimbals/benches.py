@@ -42,7 +42,7 @@ class Stand:
     async def watch(
         self, seconds: float, command: GimbalCommand | None = None
     ) -> list[GimbalState]:
-        """Take reports for some time, commanding at 40 Hz as the core does."""
+        """Collect reports for some time, while orders are sent at 40 Hz as by the core."""
         loop = asyncio.get_running_loop()
         end = loop.time() + seconds
 

@@ -26,7 +26,7 @@ def run_with(
 
 
 async def answered(driver: Gimbal, far: MemoryLink, answer: bytes) -> GimbalState:
-    """Return what the driver makes of one answer."""
+    """Return the driver's state after one answer."""
     waiting = asyncio.create_task(driver.state())
     await asyncio.sleep(0.001)
     far.write(answer)

@@ -65,7 +65,7 @@ def gimbal_on(bus: Bus, *, imu: bool) -> ServoPca9685Gimbal:
 
 
 async def longest_gap_during(work: Awaitable[None]) -> float:
-    """Return for how long the loop stood still while something was done, s."""
+    """Return the longest time for which the loop stood still during an action, s."""
     loop, gap = asyncio.get_running_loop(), 0.0
     doing = asyncio.ensure_future(work)
     while not doing.done():

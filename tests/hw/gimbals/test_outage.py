@@ -34,7 +34,7 @@ BACK_S = 1.0
 
 
 class Heard(Observer):
-    """An observer that keeps the times of the gimbal's angles."""
+    """An observer that keeps the times of gimbal angles."""
 
     def __init__(self) -> None:
         self.times: list[float] = []

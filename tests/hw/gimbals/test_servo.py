@@ -32,7 +32,7 @@ def run(driver: Gimbal, scene: Callable[[Gimbal], Awaitable[None]]) -> None:
 
 
 class Pulses:
-    """An output that keeps what it is told."""
+    """An output that keeps the pulses written to it."""
 
     def __init__(self) -> None:
         self.last: dict[int, float] = {}

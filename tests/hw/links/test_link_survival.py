@@ -41,7 +41,7 @@ NEEDED = (Heartbeat, Attitude, LocalPosition, RcChannels)
 
 
 class Heard(Observer):
-    """An observer: what reached the core."""
+    """An observer that keeps the messages that reached the core."""
 
     def __init__(self) -> None:
         self.messages: list[tuple[float, Input]] = []
@@ -167,7 +167,7 @@ async def scene(url: str, peer: Callable[[], ByteLink], *, restarted: bool) -> N
 
 
 class Relay(asyncio.DatagramProtocol):
-    """Passes datagrams on between landerd on a port and whoever else speaks, some of them bad."""
+    """Passes datagrams between landerd's port and another peer, and damages or drops some."""
 
     transport: asyncio.DatagramTransport
 

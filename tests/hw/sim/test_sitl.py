@@ -24,7 +24,7 @@ BOOT_S = 60.0  # the autopilot has been up for so long at the loop's 0 s
 
 
 class Sitl:
-    """Says where a vehicle is, in the coarse steps that SITL's messages have."""
+    """Reports a vehicle's state in the coarse steps of SITL's messages."""
 
     def __init__(self) -> None:
         link, _ = memory_pair()

@@ -179,7 +179,7 @@ class Court:
 
 
 class _NoLimits(SetpointLimits):
-    """The orders of these tests jump; the limits have tests of their own."""
+    """Replaces the judge of the limits, which has tests of its own: orders here jump."""
 
     def check(self, *args: object, **more: object) -> None:
         pass

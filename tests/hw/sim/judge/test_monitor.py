@@ -17,7 +17,7 @@ from tests.hw.sim.worlds import PLATE, over_pad
 
 
 class Watched:
-    """A vehicle over the pad that is ordered about; `flies` says what the wire says."""
+    """A vehicle over the pad that obeys the test; `flies`: whether landerd flies it."""
 
     def __init__(self, bounds: RuleBounds = BOUNDS, **options: object) -> None:
         self.flies = True

@@ -8,7 +8,7 @@ RING_PX = 400.0  # of 1 m, from 1 m
 
 
 class Held:
-    """A vehicle over a pad that drives on; for a while nothing lets landerd go along."""
+    """A vehicle over a driving pad; for a time landerd is kept from following."""
 
     def __init__(self, *, height_m: float, pad_mps: float) -> None:
         self.world = over_pad(altitude_m=height_m, pad={"speed_mps": pad_mps})

@@ -799,7 +799,7 @@ def test_4_a_vehicle_levelled_for_a_release_may_stay_levelled() -> None:
 
 
 def left_standing(silent_s: float) -> Court:
-    """Released on the pad, level without thrust, silent for so long, and granted again."""
+    """Released on the pad, levelled without thrust, silent for a time, and granted again."""
     court = Court()
     court.truth = ON_PAD
     court.fly(1.0, SINK)

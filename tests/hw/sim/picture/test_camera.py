@@ -422,7 +422,7 @@ def test_faults_show_at_the_protocol_and_pass(clean: Renderer) -> None:
 
 
 class Blank:
-    """Draws nothing, in no time: the middle's grey level is the light's."""
+    """A renderer that draws one grey level, that of the light."""
 
     def __init__(self, light: Callable[[Exposure], float] = lambda _: 0.0) -> None:
         self.light = light

@@ -17,7 +17,7 @@ from tests.hw.flight import PlainAirframe, plain_autopilot
 
 
 class Scene:
-    """Stand-in, ground station and landerd's driver on their links."""
+    """The stand-in, the ground station and landerd's driver, on their links."""
 
     def __init__(
         self,
