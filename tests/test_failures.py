@@ -1,4 +1,4 @@
-"""Errors that nobody foresaw, in a whole simulated flight: none ends it without stop orders."""
+"""Unexpected errors in a whole simulated flight: none ends it without stop orders."""
 
 import asyncio
 import socket

@@ -1,4 +1,4 @@
-"""Files of other people, and a disk that is full: one line, and nothing half-written."""
+"""Odd files and full disks: refused in one line, and nothing is half-written."""
 
 import re
 import resource

@@ -1,4 +1,4 @@
-"""Short flights of the simulator must be commanded as they were: to the bit, on any machine.
+"""Recorded simulated flights must replay to the same commands, to the bit, on any machine.
 
 If what the core does was meant to change: `make golden`, and look at what `landerd replay` says of
 the old ones first.

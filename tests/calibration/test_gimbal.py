@@ -1,4 +1,4 @@
-"""What is made of a gimbal's views: right figures from good ones, a reason from poor ones."""
+"""Calibration of gimbals from views of a pad: figures from good views, reasons for poor ones."""
 
 import math
 import random

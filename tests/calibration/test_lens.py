@@ -1,4 +1,4 @@
-"""What a set of views must show before a calibration is believed; corners are computed."""
+"""Which views of a board are enough for a calibration to be trusted; corners are computed."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A real cluster on this machine: a scheduler and two workers, processes of their own."""
+"""Campaigns on a real cluster on this machine: processes of a scheduler and two workers."""
 
 import dataclasses
 import os

@@ -1,4 +1,4 @@
-"""`landerd pad`: what it prints, cuts, proposes, mends and refuses."""
+"""`landerd pad`: what it prints, cuts, proposes, enters and refuses."""
 
 import json
 import math

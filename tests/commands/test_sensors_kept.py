@@ -1,4 +1,4 @@
-"""What a flight finds of camera and gimbal is offered, in words that say what to set."""
+"""What a flight finds out about camera and gimbal is reported, in words that say what to set."""
 
 import errno
 import math

@@ -1,4 +1,4 @@
-"""Values that every seed of the simulator draws: what is drawn, what is told, what is refused."""
+"""Values drawn by the simulator's seed: what is drawn, reported and refused."""
 
 import statistics
 from collections.abc import Sequence

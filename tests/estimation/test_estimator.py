@@ -1,4 +1,4 @@
-"""What the core knows, from messages alone: what is fresh, what is taken, what vision is told."""
+"""The estimator, fed with messages: freshness, accepted sightings, predictions for vision."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Written, cut, damaged, read again, replayed."""
+"""Flight logs: written, cut, damaged, read again and replayed."""
 
 import bisect
 import contextlib

@@ -1,4 +1,4 @@
-"""How long is fuzzed: in the tests always the same examples, by `make fuzz` many others."""
+"""Number of fuzzing examples: always the same ones in the tests, many others by `make fuzz`."""
 
 import os
 

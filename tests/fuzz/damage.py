@@ -1,4 +1,4 @@
-"""Bytes that were sound once."""
+"""Damages bytes, for fuzzing the readers of files."""
 
 from collections.abc import Callable
 

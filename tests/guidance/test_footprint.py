@@ -1,4 +1,4 @@
-"""Where the feet are on the plate: what is told of a landing hangs on it."""
+"""Where the feet are on the plate, which decides whether it counts as landed."""
 
 import math
 

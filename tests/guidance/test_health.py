@@ -1,4 +1,4 @@
-"""The pilot is told of a sight that is refused in part or comes late, before it is lost."""
+"""The pilot is warned of sightings that are refused or late, before the pad is lost."""
 
 from dataclasses import replace
 

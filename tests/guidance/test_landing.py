@@ -1,4 +1,4 @@
-"""The states as they are gone through in flight: each event of the table, and what is ordered."""
+"""The states of a landing in flight: each event of the table, and the orders in each state."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""One control step's commands: their order, and what the pilot is not told twice."""
+"""The commands of one control step: their order, and texts that are not repeated."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Lines must fit a STATUSTEXT: what is cut off is what the pilot needs to know."""
+"""Texts to the pilot must fit a STATUSTEXT: what is cut off would be missing."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What Linux tells of the companion computer, in the words in which it does."""
+"""Findings on the companion computer, from files as Linux has them."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What repeats itself to the bit with new times, and what may."""
+"""Which input counts as frozen: repeated to the bit with new time stamps."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What the journal is told."""
+"""Log lines of the service in the journal."""
 
 import asyncio
 import logging

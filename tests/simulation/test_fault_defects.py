@@ -1,4 +1,4 @@
-"""Faults with which landerd once broke a rule, as flights have shown them: shrunk, and mended."""
+"""Faults with which landerd once broke a rule, reduced to the smallest; the defects are mended."""
 
 import asyncio
 

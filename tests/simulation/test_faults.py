@@ -1,4 +1,4 @@
-"""Faults in whole flights: when they happen, that they end, and what landerd makes of them."""
+"""Faults in whole flights: when they happen, that they end, and how landerd reacts."""
 
 import asyncio
 import gc

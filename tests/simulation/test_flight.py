@@ -1,4 +1,4 @@
-"""Where a flight is put together: what the world and the core do not share."""
+"""How a simulated flight is put together: what the world and the core must not share."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Exposure by the pad in the whole daemon: what is ordered, what comes of it, and its replay."""
+"""Exposure for the pad in the whole daemon: orders, their effect, and their replay."""
 
 from pathlib import Path
 

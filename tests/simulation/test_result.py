@@ -1,4 +1,4 @@
-"""What is printed of a flight, from a flight that was put together by hand."""
+"""The printed result of a flight, from a flight that was put together by hand."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""Which of what was found belongs to one pad."""
+"""Which of the found markers belong to one pad."""
 
 import math
 

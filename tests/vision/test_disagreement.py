@@ -1,4 +1,4 @@
-"""What is said of pads whose markers contradict each other."""
+"""Findings on pads whose markers contradict each other."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Rings that lack what the pad has beside its own."""
+"""Rings refused because the pad's plate or tag is missing beside them, and rings that are not."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Rings that nothing shows but their plate, on level ground."""
+"""Rings found by their plate alone, on level ground."""
 
 import math
 from collections.abc import Iterator

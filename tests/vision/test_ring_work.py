@@ -1,4 +1,4 @@
-"""The counted work of a ring's search: what an image may cost, and going on in the next."""
+"""The limit on the work of a ring's search in one image, and its continuation in the next."""
 
 import math
 

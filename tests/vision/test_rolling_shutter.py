@@ -1,4 +1,4 @@
-"""What a rolling shutter does to a picture is in the stated uncertainty."""
+"""The stated uncertainty covers what a rolling shutter does to a picture."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What is looked for where, and how often: the rows of the policy's tables."""
+"""Which markers are searched for where, and how often: the rows of the policy's tables."""
 
 import pytest
 

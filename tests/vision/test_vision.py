@@ -1,4 +1,4 @@
-"""Vision as a whole: sightings of the thesis's pad and of what is left of it in the image."""
+"""Vision as a whole: sightings of the thesis's pad, whole or in parts."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What landerd orders, as the stand-in and the vehicle get it."""
+"""landerd's orders, as the stand-in and the vehicle receive them."""
 
 import asyncio
 import functools

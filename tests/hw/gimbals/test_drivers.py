@@ -1,4 +1,4 @@
-"""What every gimbal driver owes the daemon, each against the model of its device."""
+"""What every gimbal driver must do for the daemon, each against the model of its device."""
 
 import asyncio
 import math

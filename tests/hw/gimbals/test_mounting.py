@@ -1,4 +1,4 @@
-"""How a gimbal sits on the airframe."""
+"""Signs and zeros of a gimbal's mounting on the airframe."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The cable to a real autopilot: what passes, and what a fault makes of it."""
+"""The cable to a real autopilot: what passes, and what faults change."""
 
 import asyncio
 import copy

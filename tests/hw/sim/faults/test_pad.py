@@ -1,4 +1,4 @@
-"""A pad that does what nobody expects still moves as one piece, and as fast as it says."""
+"""Faults of the pad's motion: it still moves as one piece, with the velocity that it states."""
 
 import math
 from random import Random

@@ -1,4 +1,4 @@
-"""What is to be seen, when several things hide it at a time."""
+"""Faults of the scene before the camera that overlap."""
 
 from types import SimpleNamespace
 from typing import cast

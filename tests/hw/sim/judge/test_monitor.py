@@ -1,4 +1,4 @@
-"""The safety monitor: what must not come of a flight, whoever orders what."""
+"""The safety monitor: dangerous outcomes of a flight, whatever was ordered."""
 
 import math
 from collections.abc import Callable

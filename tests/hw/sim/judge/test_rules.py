@@ -1,7 +1,4 @@
-"""Every rule of the judge, by bytes on the wire and a given truth: what breaks it, and what nearly.
-
-A trace is a function of a court; beside it stands the rule that it breaks, or None.
-"""
+"""Every rule of the judge, by bytes on the wire and a given truth: what breaks it, what not."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What the autopilot's estimate may do beside noise: wander, jump, turn."""
+"""Errors of the autopilot's estimate besides noise: wandering, jumps, turning."""
 
 import itertools
 import math
