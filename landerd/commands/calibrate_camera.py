@@ -48,7 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="images, folders of images, a video or a camera (/dev/video0; Ctrl-C when done)",
     )
     parser.add_argument(
-        "--board", choices=("chessboard", "charuco"), default="chessboard", help="(chessboard)"
+        "--board",
+        choices=("chessboard", "charuco"),
+        default="chessboard",
+        help="kind of the board (chessboard)",
     )
     parser.add_argument(
         "--size",
@@ -62,15 +65,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--marker", type=_length, metavar="M", help="charuco: side of a marker")
     parser.add_argument(
-        "--dictionary", default="4X4_50", metavar="NAME", help="charuco: its markers (4X4_50)"
+        "--dictionary",
+        default="4X4_50",
+        metavar="NAME",
+        help="charuco: dictionary of its markers (4X4_50)",
     )
     parser.add_argument(
         "--lens",
         choices=("plumb_bob", "rational", "fisheye"),
         default="plumb_bob",
-        help="rational beyond 90 degrees of view, fisheye beyond 120 (plumb_bob)",
+        help="model of the distortion: rational beyond 90 degrees of view, fisheye beyond 120 "
+        "(plumb_bob)",
     )
-    parser.add_argument("-o", "--output", type=file_name, metavar="FILE.yaml", help="camera_info")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=file_name,
+        metavar="FILE.yaml",
+        help="write the calibration into this file; without: print it",
+    )
     add_json(parser)
 
 

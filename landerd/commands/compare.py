@@ -11,7 +11,12 @@ from landerd.commands.shared import InputError, add_json, file_name, print_json,
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("a", type=file_name, metavar="A", help="file of landerd campaign --keep")
-    parser.add_argument("b", type=file_name, metavar="B", help="another, with the same rows")
+    parser.add_argument(
+        "b",
+        type=file_name,
+        metavar="B",
+        help="another one; flights of the same row and seed are compared",
+    )
     add_json(parser)
 
 

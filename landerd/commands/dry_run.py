@@ -80,7 +80,11 @@ class _Flight:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
-        "--telemetry", required=True, type=file_name, metavar="FILE", help="ArduPilot .bin or .tlog"
+        "--telemetry",
+        required=True,
+        type=file_name,
+        metavar="FILE",
+        help="ArduPilot log of the flight, .bin or .tlog",
     )
     parser.add_argument(
         "--video",
@@ -112,7 +116,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pad-at", type=_numbers(2), metavar="LAT,LON", help="where the pad is drawn, degrees"
     )
     parser.add_argument(
-        "--fps", type=_positive, default=10.0, help="rate of drawn pictures, per second (10)"
+        "--fps",
+        type=_positive,
+        default=10.0,
+        metavar="N",
+        help="rate of drawn pictures, per second (10)",
     )
     parser.add_argument(
         "--from",

@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_overlap,
         default=0.010,
         metavar="LENGTH",
-        help="by which sheets overlap (10mm)",
+        help="width by which sheets overlap (10mm)",
     )
     parser.add_argument(
         "--outline",

@@ -35,7 +35,7 @@ _HELD = ("pad.layout", "camera.calibration")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("log", type=file_name, metavar="LOG.mcap", help="flight log")
-    add_set(parser, "what if this key of the configuration had been different")
+    add_set(parser, "replay with another value of this key of the configuration")
     add_json(parser)
 
 

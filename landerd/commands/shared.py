@@ -111,8 +111,8 @@ def add_vehicle(parser: argparse.ArgumentParser) -> None:
         type=file_name,
         metavar="FILE",
         help="file of the parameters that a ground station saves; laid over the configuration if "
-        "it exists; without: /var/lib/NAME/saved.yaml for a service's configuration, "
-        "/etc/landerd/NAME.yaml, and NAME.saved.yaml beside any other",
+        "it exists; without: /var/lib/NAME/saved.yaml for a service's configuration "
+        "(/etc/landerd/NAME.yaml), NAME.saved.yaml beside any other",
     )
 
 

@@ -46,7 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"{names}; without one: stationary",
     )
     parser.add_argument(
-        "--seed", type=whole_number(0), default=1, metavar="N", help="of all random numbers (1)"
+        "--seed",
+        type=whole_number(0),
+        default=1,
+        metavar="N",
+        help="seed of all random numbers (1)",
     )
     add_config(parser)
     parser.add_argument(
@@ -64,7 +68,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ALT",
         help="with --autopilot: arm it, take off to ALT metres, fly to the start, open the gate",
     )
-    parser.add_argument("--picture", type=file_name, metavar="FILE.png", help="draw the flight")
+    parser.add_argument(
+        "--picture", type=file_name, metavar="FILE.png", help="write a drawing of the flight"
+    )
     parser.add_argument("--log", type=file_name, metavar="FILE.mcap", help="record the flight")
     add_json(parser)
 

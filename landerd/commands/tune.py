@@ -70,12 +70,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.html",
         help="write a page with a picture of the search",
     )
-    parser.add_argument("--search", choices=("cma-es", "grid"), default="cma-es", help="(cma-es)")
+    parser.add_argument(
+        "--search",
+        choices=("cma-es", "grid"),
+        default="cma-es",
+        help="method of the search (cma-es)",
+    )
     parser.add_argument(
         "--sets",
         type=whole_number(4),
         metavar="N",
-        help="sets of values tried; without: as NAME says",
+        help="number of sets of values to try; without: as NAME says",
     )
     add_flying(parser)
     add_json(parser)
