@@ -122,7 +122,7 @@ MUTANTS = [
         "landerd/guidance/sink_rate.py",
         "return max(TOUCHES_AT_MPS, fastest)",
         "return 9.0",
-        "test_2_landerd_may_die_at_any_height",
+        "test_2_if_landerd_dies_at_any_height_the_vehicle_comes_down_gently",
     ),
     Mutant(
         "2: sinks on to a pad that has stopped",

@@ -423,5 +423,5 @@ def test_four_distortion_coefficients_need_a_distortion_model(tmp_path: Path) ->
     assert load_camera(camera(tmp_path, f"{text}distortion_model: equidistant\n")).fisheye
 
 
-def test_what_rostopic_echo_prints_is_read(tmp_path: Path) -> None:
+def test_the_output_of_rostopic_echo_is_read(tmp_path: Path) -> None:
     assert load_camera(camera(tmp_path, f"{GOOD}---\n")).fx == 400.0

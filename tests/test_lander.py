@@ -206,7 +206,7 @@ def test_a_restarted_autopilot_is_not_flown_until_the_switch_was_low() -> None:
     assert flight.engaged().run(1.0) != []
 
 
-def test_what_was_known_before_a_restart_of_the_autopilot_is_forgotten() -> None:
+def test_after_a_restart_of_the_autopilot_pad_and_vehicle_are_forgotten() -> None:
     flight = Flight().engaged()  # its local frame may have another origin afterwards
     flight.visible = False
     flight.restart_autopilot()

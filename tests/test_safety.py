@@ -345,7 +345,7 @@ def test_2_after_commit_it_sinks_blind_for_a_second_at_most() -> None:
 
 
 @pytest.mark.parametrize("timeout_s", [1.0, 3.0])
-def test_2_landerd_may_die_at_any_height(timeout_s: float) -> None:
+def test_2_if_landerd_dies_at_any_height_the_vehicle_comes_down_gently(timeout_s: float) -> None:
     simulation = undisturbed(timeout_s)
     assert simulation.score.landed
     assert simulation.rules.broken == {}
@@ -557,7 +557,7 @@ def test_5_frozen_gimbal_angles_stop_the_landing() -> None:
     assert simulation.rules.broken == {}
 
 
-def test_5_what_is_long_under_way_is_old() -> None:
+def test_5_data_that_was_long_under_way_counts_as_old() -> None:
     async def script(simulation: Simulation) -> None:
         await flying(simulation)
         simulation.autopilot_end.faults.delay_s = 0.35

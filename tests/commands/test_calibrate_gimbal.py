@@ -92,7 +92,7 @@ def test_finds_where_a_bolted_camera_looks() -> None:
         (["sim.gimbal.rate_limit_deg_s=0.1"], {}, "does not follow"),
     ],
 )
-def test_what_cannot_be_calibrated_is_refused_with_the_reason(
+def test_a_gimbal_that_cannot_be_calibrated_is_refused_with_the_reason(
     overrides: list[str], options: dict[str, Any], why: str
 ) -> None:
     report = calibrated(set_up("gimbal.driver=simplebgc", *overrides), **options)

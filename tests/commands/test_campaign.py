@@ -85,7 +85,7 @@ def test_a_long_campaign_says_in_a_log_how_far_it_is(
     assert lines[0] == "4 of 40, 0 failed, 0 min left"
 
 
-def test_of_several_campaigns_it_says_which_is_flown(
+def test_with_several_campaigns_the_one_being_flown_is_named(
     flown: dict[Task, Run | BaseException], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     several = tmp_path / "both.yaml"

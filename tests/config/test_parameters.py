@@ -94,7 +94,7 @@ def test_an_unknown_name_is_a_key_error() -> None:
 # ---- saving ------------------------------------------------------------------------------------
 
 
-def test_what_is_saved_is_laid_over_the_configuration_next_time(tmp_path: Path) -> None:
+def test_saved_parameters_apply_when_the_configuration_is_read_next_time(tmp_path: Path) -> None:
     overlay = tmp_path / "saved.yaml"
     overlay.write_text("guidance: {pid: {up: {kd: 0.7}}}\nvehicle: {gear_height_m: 0.3}\n")
     tuned = ParameterSet(Config(), overlay)

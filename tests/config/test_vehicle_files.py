@@ -25,5 +25,5 @@ def test_an_example_is_sound_and_its_devices_can_be_made(path: Path, tmp_path: P
     assert not type(devices.gimbal).__module__.startswith("hw.sim")
 
 
-def test_there_are_examples_for_the_boards_that_are_spoken_of() -> None:
+def test_every_board_that_install_knows_has_an_example_configuration() -> None:
     assert {path.stem for path in FILES} >= {"pixhawk-usb", "pixhawk-uart", "jetson", "navio2"}

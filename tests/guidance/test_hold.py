@@ -151,7 +151,7 @@ def test_asked_to_hold_as_it_stands_there_it_is_not_told_that_the_pad_is_not_fou
 
 
 @pytest.mark.parametrize("change", ["low", "stale", "mode", "armed"])
-def test_whatever_ends_a_landing_ends_holding(change: str) -> None:
+def test_a_closed_gate_another_mode_or_disarming_ends_holding(change: str) -> None:
     flight = held(engage(switched()))
     if change == "low":
         flight.pulse_us = LOW

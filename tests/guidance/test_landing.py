@@ -361,7 +361,7 @@ def test_a_vehicle_that_ends_below_the_plate_has_not_landed_on_the_pad() -> None
 
 
 @pytest.mark.parametrize("jump", [(0.0, 0.0, 0.5), (2.0, -1.0, 0.0)])
-def test_where_the_local_frame_jumps_as_it_stands_it_has_landed_on_the_pad_all_the_same(
+def test_a_jump_of_the_local_frame_while_it_stands_does_not_undo_the_landing(
     jump: Vec3,
 ) -> None:
     """Once, the EKF reset its height at the touch, and it was told to have fallen off the plate."""
@@ -444,7 +444,7 @@ def test_a_deck_that_comes_up_before_a_climb_begins_is_landed_on(
     assert flight.lander.state is state
 
 
-def test_where_pictures_show_it_higher_than_telemetry_does_it_climbs_within_its_limits() -> None:
+def test_where_pictures_show_the_pad_lower_than_telemetry_a_climb_keeps_its_limits() -> None:
     never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
     flight = Flight(config=never_fit).engaged()
     while flight.height > 0.115:

@@ -61,7 +61,7 @@ def test_a_vehicle_that_is_slow_to_answer_a_quicker_order_has_not_touched() -> N
     assert descent.go_on(2.0, sink_rate=0.4, ordered=0.5) is None
 
 
-def test_on_a_deck_whose_heave_is_badly_known_less_is_contact() -> None:
+def test_on_a_deck_of_uncertain_heave_less_slowing_down_counts_as_contact() -> None:
     # It stands; the deck is believed to come up by 0.1 m/s more than it does.
     touchdown = make_touchdown()
     touchdown.begin(0.0)
@@ -294,7 +294,7 @@ def test_a_vehicle_that_the_pad_tips_over_is_levelled_before_it_stands_still() -
     assert all(standing.level(0.5, roll_pitch_rate=0.8, tips=True)[4:])
 
 
-def test_released_it_is_left_level_as_soon_as_it_is_said_to_be_on_the_ground() -> None:
+def test_released_it_is_left_level_as_soon_as_on_ground_is_reported() -> None:
     # It was stopped there, on a pad that moved, when that was taken back a moment later.
     standing = Standing()
     assert not any(standing.level(0.55, slip=0.2, landed=Landed.ON_GROUND))

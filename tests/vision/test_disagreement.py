@@ -66,7 +66,7 @@ def test_the_ring_says_where_the_landing_point_is_though_the_tag_lies_elsewhere(
     assert math.dist(pad.position, VIEW.position) < 0.004
 
 
-def test_what_the_ring_said_of_the_tag_is_remembered_when_the_ring_is_out_of_sight() -> None:
+def test_an_error_of_the_tag_found_by_the_ring_is_remembered_without_the_ring() -> None:
     pad = printed(position_m=(0.75, 0.01))
     # With a rolling shutter the first picture, the motion not known yet, would teach less.
     vision = Vision(THESIS_PAD, CAMERA, VisionSection(readout_s=0.0))

@@ -36,7 +36,7 @@ def shown(distance: float, optics: Optics) -> Light:
 
 
 @pytest.mark.parametrize("distance", [1.0, 3.0, 10.0])
-def test_on_the_pad_it_is_the_white_that_counts(distance: float) -> None:
+def test_with_the_pad_in_sight_the_brightness_is_that_of_its_white(distance: float) -> None:
     light = shown(distance, replace(Optics(), white=170.0, black=20.0))
     assert light.on_pad
     assert light.level == pytest.approx(170.0, abs=10.0)
@@ -48,7 +48,7 @@ def test_white_in_the_sun_counts_where_a_shadow_covers_a_part_of_the_pad() -> No
     assert light.level == pytest.approx(170.0, abs=10.0)
 
 
-def test_without_a_pad_it_is_what_most_of_the_picture_shows() -> None:
+def test_without_a_pad_the_brightness_is_the_median_of_the_ground() -> None:
     image = np.full((480, 640), 90, np.uint8)
     image[:100] = 250  # sky
     vision = Vision(THESIS_PAD, CAMERA, VisionSection(), meters=True)

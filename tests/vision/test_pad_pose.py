@@ -118,7 +118,7 @@ def test_gravity_puts_the_level_solution_first() -> None:
         assert second.cost > first.cost
 
 
-def test_of_a_bent_pad_low_under_the_camera_the_mirrored_tag_is_not_taken() -> None:
+def test_the_mirrored_pose_of_a_tag_on_a_bent_pad_is_not_taken_low_above_it() -> None:
     # Its bend is known: where it would lie unbent the sharp pose is so far off that the other,
     # which the image all but excludes, was nearer.
     layout = load_pad(PADS / "thesis.yaml")

@@ -265,7 +265,7 @@ def test_the_pad_is_seen_on_ground_as_bright_as_its_plate() -> None:
     assert is_pad_in(np.where(plate_mask(THESIS_PAD, at), image, bright))
 
 
-def test_on_ground_as_bright_as_its_paper_the_print_of_its_tag_tells_the_pad() -> None:
+def test_on_ground_as_bright_as_its_paper_the_pad_is_known_by_its_tags_print() -> None:
     def is_seen_on_white(painted: PadLayout) -> bool:
         at, rng = view(9.0, 0.3), np.random.default_rng(2)
         image = render(at, IDEAL_CAMERA, Optics(background="plain"), rng, painted)

@@ -213,7 +213,9 @@ def test_a_blown_out_ring_is_tracked() -> None:
 
 
 @pytest.mark.parametrize("cut", [0, 255])
-def test_where_a_broken_picture_is_all_grey_a_ring_behind_a_curve_is_not_tracked(cut: int) -> None:
+def test_a_ring_behind_a_tone_curve_is_not_tracked_in_the_grey_part_of_a_broken_picture(
+    cut: int,
+) -> None:
     view = seen(5.0, 20.0)
     image = picture((0.85 * light(view)) ** (1.0 / 2.2), noise=0.0)
     image[cut:] = 128  # what a decoder leaves of a JPEG that ends too early
@@ -363,7 +365,7 @@ def test_a_soft_shadow_moves_edges_by_no_more_than_sigma_tells() -> None:
     assert inside >= 11
 
 
-def test_in_leaf_shade_a_pad_that_is_known_is_tracked_by_edges_that_alone_tell_no_ring() -> None:
+def test_in_leaf_shade_a_known_pad_is_tracked_by_edges_too_few_to_detect_a_ring() -> None:
     alone, known, inside = 0, 0, 0
     for seed in range(18):
         rng = np.random.default_rng([11, seed])

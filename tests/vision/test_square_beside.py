@@ -100,7 +100,7 @@ def muddy(pad: PadLayout) -> U8:
 
 
 @pytest.mark.parametrize(("shown_id", "told"), [(0, True), (5, False)])
-def test_what_mud_leaves_of_a_code_tells_heading_and_id(shown_id: int, *, told: bool) -> None:
+def test_a_code_partly_covered_by_mud_gives_heading_and_id(shown_id: int, *, told: bool) -> None:
     vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
     pose = vision.process(Frame(0.0, 0, muddy(with_tag(id=shown_id)))).pad[0]
     assert (pose.north is not None) == told

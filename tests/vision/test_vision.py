@@ -80,7 +80,7 @@ def test_ring_and_tag_together_tell_north() -> None:
     assert float(np.dot(north, view.R_camera_pad[:, 0])) > math.cos(math.radians(0.3))
 
 
-def test_of_a_tag_beside_its_ring_the_level_pose_is_taken_and_not_the_mirrored_one() -> None:
+def test_the_level_pose_of_a_tag_beside_its_ring_is_taken_and_not_the_mirrored_one() -> None:
     rng = np.random.default_rng([7, 44])
     at = look(
         BIG_CAMERA,

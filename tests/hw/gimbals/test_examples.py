@@ -17,5 +17,5 @@ def test_every_example_of_a_gimbal_can_be_read_and_has_no_remarks(example: Path)
     assert f"gimbal.{loaded.config.gimbal.driver}" in loaded.options
 
 
-def test_there_are_examples() -> None:
+def test_examples_of_gimbals_are_found() -> None:
     assert len(EXAMPLES) >= 7

@@ -270,7 +270,9 @@ def test_the_autopilots_outputs_count_from_one() -> None:
         ({"pitch": TILT | {"channel": 16}}, "channel: found 16, expected 0 to 15"),
     ],
 )
-def test_what_the_pca9685_cannot_do_is_refused(options: dict[str, Any], expected: str) -> None:
+def test_frequencies_and_channels_beyond_the_pca9685_are_refused(
+    options: dict[str, Any], expected: str
+) -> None:
     """The prescaler is one byte: once 274 became 18, and the pulses were 15 times too short."""
     with pytest.raises(ValidationError, match=expected):
         ServoPca9685Options.model_validate({"pitch": TILT, **options})

@@ -82,7 +82,7 @@ def test_a_silent_autopilot_may_come_back_from_elsewhere() -> None:
     with_link(scene)
 
 
-def test_what_the_socket_does_not_take_is_not_sent_when_it_is_old() -> None:
+def test_bytes_that_the_socket_does_not_take_are_not_sent_later() -> None:
     """A set-point of ten seconds ago is worse than none."""
 
     class Stuffed:

@@ -99,7 +99,7 @@ def test_firmware_of_2014_names_and_dates_its_records_otherwise(tmp_path: Path) 
     ("estimator", "primary", "source"),
     [(3, 0, "XKF1"), (3, 1, "XKF1 of core 1"), (2, 0, "NKF1")],
 )
-def test_of_several_estimators_the_one_that_flew_counts(
+def test_the_estimator_that_flew_is_used_of_several(
     estimator: int, primary: int, source: str, tmp_path: Path
 ) -> None:
     path = write_bin(tmp_path / "a.bin", skip=(), estimator=estimator, primary=primary)
@@ -162,7 +162,7 @@ def test_a_planes_telemetry_is_refused_and_an_unnamed_vehicle_is_said(tmp_path: 
     assert "it does not say what kind of vehicle it is of" in telemetry.remarks
 
 
-def test_of_two_vehicles_and_of_two_boots_the_longest_is_shown(tmp_path: Path) -> None:
+def test_the_longest_part_is_used_of_two_vehicles_or_two_boots(tmp_path: Path) -> None:
     parts = [
         write_tlog(tmp_path / "1", length_s=6.0, boot_s=900.0),
         write_tlog(tmp_path / "2", at_s=10.0),

@@ -44,7 +44,7 @@ def why(**options: Any) -> str | None:
         },
     ],
 )
-def test_what_landerd_lands_on_is_feasible(options: dict[str, Any]) -> None:
+def test_the_worlds_that_landerd_lands_in_count_as_feasible(options: dict[str, Any]) -> None:
     assert why(**options) is None
 
 
@@ -94,7 +94,9 @@ def test_what_landerd_lands_on_is_feasible(options: dict[str, Any]) -> None:
         ),
     ],
 )
-def test_what_no_vehicle_of_its_kind_can_follow_is_said(options: dict[str, Any], said: str) -> None:
+def test_a_pad_that_the_vehicle_cannot_follow_is_reported_as_infeasible(
+    options: dict[str, Any], said: str
+) -> None:
     found = why(**options)
     assert found is not None
     assert said in found

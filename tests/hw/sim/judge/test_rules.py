@@ -1035,7 +1035,7 @@ def test_4_it_disarms_on_the_ground_and_not_before(trace: Trace, rule: str | Non
 
 
 @pytest.mark.parametrize(("sinks_s", "broken"), [(0.9, False), (1.3, True)])
-def test_4_on_ground_said_while_it_might_not_fly_asks_for_a_disarm_from_when_it_may(
+def test_4_after_on_ground_while_it_might_not_fly_a_disarm_is_due_once_it_may(
     sinks_s: float, *, broken: bool
 ) -> None:
     court = Court()
@@ -1049,7 +1049,7 @@ def test_4_on_ground_said_while_it_might_not_fly_asks_for_a_disarm_from_when_it_
     assert court.broken == (["4: no disarm ordered after ON_GROUND"] if broken else [])
 
 
-def test_4_on_ground_that_was_said_in_the_air_and_taken_back_asks_for_no_disarm() -> None:
+def test_4_a_false_on_ground_in_the_air_asks_for_no_disarm() -> None:
     court = Court()
     court.truth = LOW
     court.on_ground = True

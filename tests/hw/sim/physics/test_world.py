@@ -154,7 +154,7 @@ def test_tilt_slopes_down_where_it_says() -> None:
     assert dot(transpose(R)[2], (0.0, 0.0, 1.0)) == pytest.approx(math.cos(math.radians(10.0)))
 
 
-def test_where_a_pad_slopes_and_the_wind_comes_from_may_be_left_to_the_seed() -> None:
+def test_directions_of_slope_and_wind_may_be_drawn_by_the_seed() -> None:
     slopes, winds = set(), set()
     for seed in range(8):
         w = world(

@@ -30,7 +30,9 @@ def corners(thing: LookAlike) -> F64:
 
 @pytest.mark.parametrize("seed", range(1, 7))
 @pytest.mark.parametrize("count", [1, 6, 12])
-def test_there_are_so_many_and_none_is_on_the_pad_or_on_another(count: int, seed: int) -> None:
+def test_look_alikes_are_as_many_as_asked_and_lie_apart_from_the_pad_and_each_other(
+    count: int, seed: int
+) -> None:
     made = things(count, seed)
     assert len(made) == count
     plate = PAD.plate
