@@ -389,13 +389,23 @@ def test_a_rebound_from_the_plate_does_not_bring_the_thrust_back() -> None:
     """It did, as all feet came down again; the vehicle leaned into the wind and tipped over."""
     standing = Standing()
     standing.touchdown.descent(math.radians(28.0))
-    dragged = {"slip": 0.5, "lean": math.radians(4.0), "roll_pitch_rate": 2.0}
-    assert standing.level(0.4, **dragged)[-1]
-    assert all(standing.level(0.05, sinks=-0.3, sink_rate=-0.3, **dragged))
-    assert all(standing.level(0.05, sinks=0.3, sink_rate=0.3, **dragged))
-    assert all(standing.level(1.0, **dragged))
+
+    def level(seconds: float, climbs: float = 0.0) -> list[bool]:
+        return standing.level(
+            seconds,
+            sinks=-climbs,
+            sink_rate=-climbs,
+            slip=0.5,
+            lean=math.radians(4.0),
+            roll_pitch_rate=2.0,
+        )
+
+    assert level(0.4)[-1]
+    assert all(level(0.05, climbs=0.3))
+    assert all(level(0.05, climbs=-0.3))
+    assert all(level(1.0))
     # What sinks lower than where it lay never touched.
-    assert not any(standing.level(0.3, sinks=0.3, sink_rate=0.3, **dragged)[4:])
+    assert not any(level(0.3, climbs=-0.3)[4:])
 
 
 def test_the_more_it_leans_the_quicker_all_feet_are_to_be_down() -> None:
