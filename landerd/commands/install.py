@@ -52,7 +52,7 @@ def _system(text: str) -> Path:
     folder = file_name(text)
     if not folder.is_dir():  # an image that is not mounted: the folder must not be created
         raise argparse.ArgumentTypeError(f"{text}: no such folder")
-    return folder
+    return folder.resolve()  # so that the running system is known by any of its names
 
 
 def run(args: argparse.Namespace) -> int:

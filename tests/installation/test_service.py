@@ -130,6 +130,15 @@ def test_an_empty_root_is_refused_instead_of_taken_for_the_working_directory(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_running_system_is_known_by_another_name_of_its_root(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    install(Path("/"), "jetson", "--dry-run")
+    said = capsys.readouterr().out
+    install(Path("/usr/.."), "jetson", "--dry-run")
+    assert capsys.readouterr().out == said
+
+
 def test_without_root_rights_it_is_refused_and_does_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
