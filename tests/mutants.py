@@ -572,14 +572,14 @@ MUTANTS = [
     Mutant(
         "4: stays without thrust while it sinks",
         TOUCHDOWN,
-        "self._level = begins or (self._level and not (sinks and self._is_lower(motion)))",
+        "self._level = begins or (self._level and (not sinks or self._rebounds(motion)))",
         "self._level = begins or self._level",
         "guidance/test_touchdown.py::test_thrust_comes_back_as_soon_as_it_sinks_without",
     ),
     Mutant(
         "4: thrust comes back in a rebound from the plate",
         TOUCHDOWN,
-        "not (sinks and self._is_lower(motion))",
+        "(not sinks or self._rebounds(motion))",
         "not sinks",
         "guidance/test_touchdown.py::test_a_rebound_from_the_plate_does_not_bring_the_thrust_back",
     ),

@@ -74,11 +74,12 @@ PAD_SPEED_ERROR_SHARE = 0.05  # share of a fast pad's speed that may be an error
 MAX_ROLL_PITCH_RATE = 0.3  # rad/s: in a faster turn one foot may be down, but not all
 # Sinking since it lies flat, m: on an air cushion a vehicle sinks slower than 0.1 m/s, but sinks.
 SETTLES_M = 0.01
-# A levelled vehicle that sinks gets its thrust back once its feet are lower than where something
-# held it up by this, m. One that leaned against 8 m/s rebounded by 1 cm as it fell onto all feet:
-# levelled there, and given thrust again as it came down, it leaned into the wind with its feet on
-# the plate, and tipped over.
-REBOUND_M = 0.015
+# A levelled vehicle that sinks gets its thrust back unless it comes down from a rebound: slower
+# than the first, m/s, and with its feet no lower than the second, m, under where something held it
+# up. One that leaned against 8 m/s rebounded by 1 cm as it fell onto all feet: levelled there, and
+# given thrust again as it came down at 0.3 m/s, it leaned into the wind with its feet on the plate,
+# and tipped over.
+REBOUND_MPS, REBOUND_M = 0.5, 0.015
 
 # What counts as pressed down: sinking slower than it would in the air, by this share of the gentle
 # descent. A vehicle that answers late hovers for a second over a deck that begins to sink: neither
@@ -372,8 +373,8 @@ class Touchdown:
         ArduCopter's land detector does not accept a landing while more than 15 degrees of tilt are
         asked for, as they are to keep a velocity in wind. Levelled on one edge and with thrust left
         the vehicle would be blown away: it is first to stand still, or to slide lying flat. Once
-        level it stays so, unless it sinks lower than where something held it up: then it is in the
-        air, whatever was taken for contact, and needs its thrust.
+        level it stays so, unless it sinks otherwise than from a rebound: then it is in the air,
+        whatever was taken for contact, and needs its thrust.
 
         Args:
             now: s; called at every control step from contact on.
@@ -403,7 +404,7 @@ class Touchdown:
         may_begin = released or (is_pressed and landed is not Landed.ON_GROUND)
         sinks = self._sinks(now)
         begins = is_time and may_begin and not sinks
-        self._level = begins or (self._level and not (sinks and self._is_lower(motion)))
+        self._level = begins or (self._level and (not sinks or self._rebounds(motion)))
         if not self._level:
             self._level_down = None
         self.stands = stands or self._level or confirmed
@@ -422,9 +423,7 @@ class Touchdown:
 
     def _note_sinking(self, now: float, motion: ContactMotion) -> None:
         """Note whether it sinks faster than the deck may be sinking, if that sinks at all."""
-        by_deck = clamp(motion.heave + 2.0 * motion.sigma_heave, 0.0, FASTEST_HEAVE_MPS)
-        sinks_mps = motion.sink_rate - by_deck
-        is_slow = sinks_mps < CONTACT_SINK_SHARE * self._descent_mps
+        is_slow = _sink_over_deck(motion) < CONTACT_SINK_SHARE * self._descent_mps
         self._note_slow(now, is_slow=is_slow)
         if is_slow:
             self._held_down = max(self._held_down, motion.feet_down - motion.pad_down)
@@ -433,9 +432,10 @@ class Touchdown:
         """Tell whether it has sunk faster than its deck within CONTACT_S."""
         return now - self._slow_since < CONTACT_S
 
-    def _is_lower(self, motion: ContactMotion) -> bool:
-        """Tell whether the feet are lower than where something held the vehicle up."""
-        return motion.feet_down - motion.pad_down > self._held_down + REBOUND_M
+    def _rebounds(self, motion: ContactMotion) -> bool:
+        """Tell whether it comes down slowly, to no lower than where something held it up."""
+        is_lower = motion.feet_down - motion.pad_down > self._held_down + REBOUND_M
+        return _sink_over_deck(motion) < REBOUND_MPS and not is_lower
 
     def _pressed_s(self, now: float) -> float:
         """Return how long it has been held up, without a break, s; -inf before contact."""
@@ -502,3 +502,9 @@ class Touchdown:
         """
         since = self._began if self._contact_t is None else self._contact_t
         return now - since > self._timeout_s and landed is not Landed.ON_GROUND
+
+
+def _sink_over_deck(motion: ContactMotion) -> float:
+    """Return the sink rate less what the deck may be sinking by, if it sinks at all, m/s."""
+    by_deck = clamp(motion.heave + 2.0 * motion.sigma_heave, 0.0, FASTEST_HEAVE_MPS)
+    return motion.sink_rate - by_deck
