@@ -90,7 +90,7 @@ def test_a_pad_that_is_not_found_is_reported_with_what_to_look_at(
         (["--height", "nan"], "expected metres from 0.2 to 30"),
         (["--set", "gimbal.driver=fixed"], "fixed does not turn"),
         (["-o", "/nowhere/a.csv"], "its folder does not exist"),
-        (["--without-autopilot", "--set", "gimbal.driver=mavlink"], "through the autopilot"),
+        (["--without-autopilot", "--set", "gimbal.driver=mavlink"], "needs the autopilot's link"),
     ],
 )
 def test_wrong_input_is_one_line(
