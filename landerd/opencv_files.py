@@ -1,4 +1,4 @@
-"""Names of files and images in them, as OpenCV takes and gives them."""
+"""Names of files and images in them, as OpenCV takes and gives them, and its messages."""
 
 import contextlib
 import os
