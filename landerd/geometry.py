@@ -25,6 +25,8 @@ LEAST_COS_PITCH = 0.1  # steeper airframes are not flown
 
 def wrap(angle: float) -> float:
     """Return the angle in (-pi, pi], rad."""
+    if -math.pi < angle <= math.pi:
+        return angle
     wrapped = math.remainder(angle, 2.0 * math.pi)
     return math.pi if wrapped == -math.pi else wrapped
 

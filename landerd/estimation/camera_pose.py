@@ -93,18 +93,18 @@ class PoseHistory:
         # Extrapolated as long as it is known: held, it would fall behind a vehicle that follows a
         # fast pad, and the pad would seem to brake.
         self.position = History(
-            angles=[False] * 6,
+            angles=0,
             max_gap_s=fresh.position_s,
             rates=lambda position: position[3:],
             ahead_s=fresh.position_s,
         )
         self.attitude = History(
-            angles=[True] * 3 + [False] * 3,
+            angles=3,
             max_gap_s=fresh.attitude_s,
             rates=lambda attitude: euler_rates(attitude[0], attitude[1], attitude[3:]),
         )
         self.gimbal = History(
-            angles=[True] * 3, max_gap_s=fresh.gimbal_s, held_s=min(GIMBAL_HELD_S, fresh.gimbal_s)
+            angles=3, max_gap_s=fresh.gimbal_s, held_s=min(GIMBAL_HELD_S, fresh.gimbal_s)
         )
         self._reference = Reference.BODY
         self.heading_offset = 0.0
@@ -265,10 +265,12 @@ class PoseHistory:
         feet = add((position[0], position[1], position[2]), rotate(R, self._feet_offset))
         return feet, rotate(R, sub(self._camera_offset, self._feet_offset))
 
-    def camera_rotation(self, t: float, *, gimbal_back_s: float = 0.0) -> Mat3 | None:
-        """Return R_local_camera at time t, or None where attitude or gimbal does not reach."""
-        attitude = self.attitude.at(t)
-        gimbal = self.gimbal.at(t - gimbal_back_s)
+    def camera_rotation(self, attitude_t: float, gimbal_t: float) -> Mat3 | None:
+        """Return R_local_camera by the attitude at one time and the gimbal's angles at another, s.
+
+        None where attitude or gimbal does not reach.
+        """
+        attitude, gimbal = self.attitude.at(attitude_t), self.gimbal.at(gimbal_t)
         if attitude is None or gimbal is None:
             return None
         return self._compose_rotation(attitude, gimbal)
@@ -293,7 +295,7 @@ class PoseHistory:
 
     def down(self, t: float, *, gimbal_back_s: float = 0.0) -> Vec3 | None:
         """Return the unit vector of gravity in the camera frame at t (s); None: not known."""
-        R = self.camera_rotation(t, gimbal_back_s=gimbal_back_s)
+        R = self.camera_rotation(t, t - gimbal_back_s)
         return None if R is None else rotate(transpose(R), DOWN)
 
     def gimbal_base(self, ahead_s: float) -> tuple[Vec3, Mat3] | None:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 from typing import Literal
 
 from landerd.config.models import Config
@@ -66,6 +67,9 @@ class Estimator:
         # Uncertainty of the times of the autopilot's data and of the pictures, s.
         self._clock_s = self._picture_clock_s = 0.0
         self._gimbal_from_autopilot = False  # its angles come over the autopilot's link
+        # A control step asks for both at the same time again and again.
+        self._pad_at = lru_cache(maxsize=1)(self._filter.estimate)
+        self._vehicle_at = lru_cache(maxsize=1)(self._newest_vehicle)
 
     # ---- inputs --------------------------------------------------------------------------------
 
@@ -77,11 +81,13 @@ class Estimator:
         """
         if isinstance(message, GimbalState):
             self._gimbal_from_autopilot = message.from_autopilot
+        self._vehicle_at.cache_clear()
         is_known = message.t - self.sighting_t <= MAX_GAP_S
         self.poses.add(message, keeps_heading=is_known)
 
     def on_clock(self, clock: ClockSync) -> None:
         """Take the uncertainty of the autopilot's clock: its data may be older by that much."""
+        self._pad_at.cache_clear()
         self._clock_s = clock.uncertainty_s
         self._filter.on_clock(math.hypot(self._clock_s, self._picture_clock_s))
 
@@ -94,6 +100,7 @@ class Estimator:
         """
         if not sightings.t > self.frame_t:
             return None
+        self._pad_at.cache_clear()
         self.frame_t, self.searched_t = sightings.t, self._tick_t
         if sightings.sigma_t != self._picture_clock_s:
             self._picture_clock_s = sightings.sigma_t
@@ -132,6 +139,8 @@ class Estimator:
 
     def on_restart(self) -> None:
         """Forget vehicle and pad: the autopilot restarted, and its local frame may be another."""
+        self._pad_at.cache_clear()
+        self._vehicle_at.cache_clear()
         self.poses.forget_autopilot()
         self._filter.reset()
         self.sighting_t = -math.inf
@@ -172,7 +181,7 @@ class Estimator:
 
     def pad(self, t: float) -> PadEstimate | None:
         """Return the pad at time t, None while none is confirmed."""
-        return self._filter.estimate(t)
+        return self._pad_at(t)
 
     def unconfirmed(self, t: float, within_s: float) -> PadEstimate | None:
         """Return a pad not confirmed yet at time t (s), if seen within within_s; else None."""
@@ -180,6 +189,9 @@ class Estimator:
 
     def vehicle(self, now: float) -> VehicleState | None:
         """Return the vehicle from its newest telemetry, however old; None without any."""
+        return self._vehicle_at(now)
+
+    def _newest_vehicle(self, now: float) -> VehicleState | None:
         return vehicle_state(self.poses, self._vehicle, now)
 
     def fresh_vehicle(self, now: float) -> VehicleState | None:

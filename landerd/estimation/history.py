@@ -6,6 +6,7 @@ to it are those at its exposure, not the newest ones.
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 from landerd.geometry import wrap
 
@@ -29,7 +30,7 @@ class History:
     def __init__(
         self,
         *,
-        angles: Sequence[bool],
+        angles: int,
         max_gap_s: float = 0.2,
         rates: Callable[[Values], Values] | None = None,
         ahead_s: float = ANGLES_AHEAD_S,
@@ -38,7 +39,7 @@ class History:
         """Make an empty history.
 
         Args:
-            angles: for each value whether it is an angle that wraps, rad.
+            angles: how many of the values, from the first, are angles that wrap, rad.
             max_gap_s: longest gap between two measurements that is interpolated over.
             rates: returns the rates of change of the first few values, per s; None: not known.
             ahead_s: how long values are extrapolated by their rates; then they are held.
@@ -47,11 +48,13 @@ class History:
         self._rates = rates
         self._ahead_s = ahead_s
         self._held_s = max_gap_s if held_s is None else held_s
-        self._angles = tuple(angles)
-        self._has_angles = any(angles)
+        self._angles = angles
         self.max_gap_s = max_gap_s
         self._times: list[float] = []
         self._values: list[Values] = []
+        self._slopes: list[Values] = []  # the rates of each, reckoned once; empty without rates
+        # At each exposure the same few times are asked for again and again.
+        self._asked = lru_cache(maxsize=4)(self._interpolated)
 
     @property
     def newest(self) -> tuple[float, Values] | None:
@@ -79,22 +82,31 @@ class History:
         """Add a measurement; one that is not newer than the last is refused (False)."""
         if self._times and t <= self._times[-1]:
             return False
+        self._asked.cache_clear()
         self._times.append(t)
         self._values.append(values)
+        if self._rates is not None:
+            self._slopes.append(self._rates(values))
         first = bisect_left(self._times, t - KEEP_S)
         # Cut in blocks: removing one entry a message from the front would move the whole list.
         if first > CUT_BLOCK:
             del self._times[:first]
             del self._values[:first]
+            del self._slopes[:first]
         return True
 
     def clear(self) -> None:
         """Forget all measurements, as after a restart of the source."""
+        self._asked.cache_clear()
         self._times.clear()
         self._values.clear()
+        self._slopes.clear()
 
     def at(self, t: float) -> Values | None:
         """Return the values at time t (s), None where the measurements do not reach."""
+        return self._asked(t)
+
+    def _interpolated(self, t: float) -> Values | None:
         if not self._times or t < self._times[0]:
             return None
         i = bisect_left(self._times, t)
@@ -105,34 +117,30 @@ class History:
         t0, t1 = self._times[i - 1], self._times[i]
         if t1 - t0 > self.max_gap_s:
             return None
-        k = (t - t0) / (t1 - t0)
+        dt = t1 - t0
+        k = (t - t0) / dt
         before, after = self._values[i - 1], self._values[i]
         steps = self._wrapped([b - a for a, b in zip(before, after, strict=True)])
         line = [a + k * step for a, step in zip(before, steps, strict=True)]
-        if self._rates is not None:
-            dt = t1 - t0
-            slopes = zip(self._rates(before), self._rates(after), strict=True)
-            for j, (u, v) in enumerate(slopes):
-                bend = (1.0 - k) * (u * dt - steps[j]) - k * (v * dt - steps[j])
-                line[j] += k * (1.0 - k) * bend
+        if self._slopes:
+            # What the cubic adds to the line: shares of the step and of the rates at both ends.
+            bend = k * (1.0 - k)
+            of_step = bend * (2.0 * k - 1.0)
+            of_first, of_last = bend * (1.0 - k) * dt, bend * k * dt
+            slopes = zip(line, steps, self._slopes[i - 1], self._slopes[i], strict=False)
+            cubic = [p + of_step * s + of_first * u - of_last * v for p, s, u, v in slopes]
+            line[: len(cubic)] = cubic
         return self._wrapped(line)
 
     def _ahead(self, t: float) -> Values:
         """Return the values at a time after the newest measurement."""
         values = self._values[-1]
-        if self._rates is None:
+        if not self._slopes:
             return values
-        dt, rates = min(t - self._times[-1], self._ahead_s), self._rates(values)
+        dt, rates = min(t - self._times[-1], self._ahead_s), self._slopes[-1]
         on = [value + dt * rate for value, rate in zip(values, rates, strict=False)]
         return self._wrapped([*on, *values[len(on) :]])
 
     def _wrapped(self, values: Sequence[float]) -> Values:
         # A list, not a generator: this runs thousands of times a flight.
-        if not self._has_angles:
-            return tuple(values)
-        return tuple(
-            [
-                wrap(value) if angle else value
-                for value, angle in zip(values, self._angles, strict=True)
-            ]
-        )
+        return (*[wrap(angle) for angle in values[: self._angles]], *values[self._angles :])

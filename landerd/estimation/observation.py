@@ -222,15 +222,12 @@ class ObservationModel:
         Returns:
             the velocity by the rotation of airframe and gimbal; by that of the gimbal alone.
         """
-        half, back = 0.5 * DIFFERENCE_S, gimbal_back_s
-        turn = self._poses.camera_rotation
+        half, gimbal_t = 0.5 * DIFFERENCE_S, t - gimbal_back_s
+        after, before = gimbal_t + half, gimbal_t - half
+        turned = self._poses.camera_rotation
         return (
-            _sweep(
-                R, turn(t + half, gimbal_back_s=back), turn(t - half, gimbal_back_s=back), point
-            ),
-            _sweep(
-                R, turn(t, gimbal_back_s=back - half), turn(t, gimbal_back_s=back + half), point
-            ),
+            _sweep(R, turned(t + half, after), turned(t - half, before), point),
+            _sweep(R, turned(t, after), turned(t, before), point),
         )
 
     def _pointing_noise(self, arm: Vec3) -> Mat3:

@@ -44,13 +44,15 @@ class LookDirection:
         # Stale data would turn the lens away from a pad that is still in the picture.
         if attitude is None or not estimator.has_fresh_vehicle(now):
             return None
-        then = now + options.lead_s
         remembered = now - estimator.sighting_t < options.search_after_s
-        pad = estimator.pad(then) if remembered else None
+        pad = estimator.pad(now) if remembered else None
         if pad is None:
-            maybe = estimator.unconfirmed(then, GLANCE_S)
+            maybe = estimator.unconfirmed(now, GLANCE_S)
             pad = None if _flies_away(estimator.vehicle(now), maybe) else maybe
-        return self.direction(estimator.poses, pad, then - attitude[0]) if pad else None
+        if pad is None:
+            return None
+        then = now + options.lead_s
+        return self.direction(estimator.poses, pad.moved(then), then - attitude[0])
 
     def direction(self, poses: PoseHistory, pad: PadEstimate, ahead_s: float) -> Vec3 | None:
         """Return the direction to look in, a unit vector in the gimbal's base frame.

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
@@ -18,7 +19,7 @@ HALF_KNOWN_HEAVE_MPS = 0.15
 CAMERA_PLACE_SIGMA_M = 0.01
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # no slots, which cached properties do not allow
 class RelativeState:
     """The pad relative to the vehicle; an error is pad minus vehicle.
 
@@ -76,7 +77,7 @@ class RelativeState:
         """Velocity of the vehicle, local NED, m/s."""
         return sub(self.pad_velocity, self.error_rate)
 
-    @property
+    @cached_property
     def height(self) -> float:
         """Height of the feet over the pad's plane, m; that is level beyond PAD_REACH_M."""
         north, east, down = self.error
@@ -98,7 +99,7 @@ class RelativeState:
         """Vertical velocity of the pad minus 2 sigma, m/s: it sinks no slower than this."""
         return self.pad_velocity[2] - 2.0 * self.sigma_heave
 
-    @property
+    @cached_property
     def distance(self) -> float:
         """Planar distance d_p (thesis 2.4.5), m."""
         return horizontal(self.error)

@@ -101,6 +101,22 @@ def test_after_a_restart_nothing_of_vehicle_or_pad_is_known() -> None:
     assert estimator.sighting_t == -math.inf
 
 
+def test_pad_and_vehicle_are_those_of_the_newest_data_also_where_they_were_asked_for_before() -> (
+    None
+):
+    estimator = seeing(until=1.0)
+    pad, vehicle = estimator.pad(1.1), estimator.vehicle(1.1)
+    aside = replace(BELOW, position=(0.05, 0.0, 5.0))
+    estimator.on_telemetry(LocalPosition(1.06, (0.0, 0.0, -5.0), (1.0, 0.0, 0.0)))
+    hear(estimator, 1.06, "attitude", "gimbal")
+    assert estimator.on_sightings(shown(1.04, aside))
+    assert estimator.pad(1.1) != pad
+    assert estimator.vehicle(1.1) != vehicle
+    estimator.on_restart()
+    assert estimator.pad(1.1) is None
+    assert estimator.vehicle(1.1) is None
+
+
 def test_vision_is_told_of_the_pad_for_a_second() -> None:
     estimator = seeing(until=1.0)
     prior = estimator.prior(1.0)

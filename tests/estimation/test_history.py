@@ -6,11 +6,11 @@ from landerd.estimation.history import History
 
 
 def angle_history(*, max_gap_s: float = 0.2) -> History:
-    return History(angles=[True], max_gap_s=max_gap_s)
+    return History(angles=1, max_gap_s=max_gap_s)
 
 
 def test_between_two_measurements_values_are_interpolated() -> None:
-    history = History(angles=[False, False])
+    history = History(angles=0)
     history.add(1.0, (10.0, -4.0))
     history.add(1.1, (20.0, -8.0))
     assert history.at(1.025) == pytest.approx((12.5, -5.0))
@@ -31,7 +31,7 @@ def test_an_angle_is_interpolated_the_short_way_across_180_degrees(sign: float) 
 
 
 def test_values_that_are_no_angles_are_interpolated_without_wrapping() -> None:
-    history = History(angles=[False])
+    history = History(angles=0)
     history.add(0.0, (3.0,))
     history.add(0.1, (-3.0,))
     assert history.at(0.05) == pytest.approx((0.0,))
@@ -44,8 +44,8 @@ def swing(t: float) -> tuple[float, float]:
 
 
 def test_with_rates_a_slow_stream_of_a_quick_swing_is_followed() -> None:
-    history = History(angles=[True, False], rates=lambda values: values[1:])
-    lines = History(angles=[True, False])
+    history = History(angles=1, rates=lambda values: values[1:])
+    lines = History(angles=1)
     for i in range(26):
         history.add(0.04 * i, swing(0.04 * i))
         lines.add(0.04 * i, swing(0.04 * i))
@@ -63,7 +63,7 @@ def test_with_rates_a_slow_stream_of_a_quick_swing_is_followed() -> None:
 
 
 def test_with_rates_an_angle_is_interpolated_the_short_way_across_180_degrees() -> None:
-    history = History(angles=[True, False], rates=lambda values: values[1:])
+    history = History(angles=1, rates=lambda values: values[1:])
     history.add(0.0, (math.radians(179.0), math.radians(40.0)))
     history.add(0.1, (math.radians(-177.0), math.radians(40.0)))
     half, ahead = history.at(0.05), history.at(0.15)
@@ -74,7 +74,7 @@ def test_with_rates_an_angle_is_interpolated_the_short_way_across_180_degrees() 
 
 
 def test_values_go_on_by_their_rates_for_a_moment_only() -> None:
-    history = History(angles=[False, False], rates=lambda values: values[1:])
+    history = History(angles=0, rates=lambda values: values[1:])
     history.add(1.0, (5.0, 2.0))
     assert history.at(1.05) == pytest.approx((5.1, 2.0))
     assert history.at(1.1) == history.at(1.19) == pytest.approx((5.2, 2.0))
@@ -123,7 +123,7 @@ def test_age_counts_from_the_newest_measurements_own_time() -> None:
 
 
 def test_the_last_second_stays_known_and_what_is_older_is_let_go() -> None:
-    history = History(angles=[False])
+    history = History(angles=0)
     for i in range(5001):
         history.add(0.01 * i, (0.001 * i,))
     assert history.at(49.505) == pytest.approx((4.9505,))
@@ -132,9 +132,19 @@ def test_the_last_second_stays_known_and_what_is_older_is_let_go() -> None:
 
 
 def test_the_newest_value_is_held_no_longer_than_configured() -> None:
-    history = History(angles=[True], max_gap_s=0.3, held_s=0.15)
+    history = History(angles=1, max_gap_s=0.3, held_s=0.15)
     history.add(1.0, (0.1,))
     assert history.at(1.14) == (0.1,)
     assert history.at(1.16) is None
     history.add(1.25, (0.2,))
     assert history.at(1.125) == pytest.approx((0.15,))
+
+
+def test_a_measurement_that_comes_later_counts_at_a_time_that_was_asked_for_before() -> None:
+    history = History(angles=0)
+    history.add(1.0, (5.0,))
+    assert history.at(1.1) == (5.0,)
+    history.add(1.2, (7.0,))
+    assert history.at(1.1) == pytest.approx((6.0,))
+    history.clear()
+    assert history.at(1.1) is None
