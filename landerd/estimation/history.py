@@ -53,8 +53,9 @@ class History:
         self._times: list[float] = []
         self._values: list[Values] = []
         self._slopes: list[Values] = []  # the rates of each, reckoned once; empty without rates
-        # At each exposure the same few times are asked for again and again.
-        self._asked = lru_cache(maxsize=4)(self._interpolated)
+        # The same few times about an exposure are asked for again and again, and what lies between
+        # two measurements stays what it is.
+        self._between = lru_cache(maxsize=8)(self._interpolated)
 
     @property
     def newest(self) -> tuple[float, Values] | None:
@@ -82,7 +83,6 @@ class History:
         """Add a measurement; one that is not newer than the last is refused (False)."""
         if self._times and t <= self._times[-1]:
             return False
-        self._asked.cache_clear()
         self._times.append(t)
         self._values.append(values)
         if self._rates is not None:
@@ -97,21 +97,21 @@ class History:
 
     def clear(self) -> None:
         """Forget all measurements, as after a restart of the source."""
-        self._asked.cache_clear()
+        self._between.cache_clear()
         self._times.clear()
         self._values.clear()
         self._slopes.clear()
 
     def at(self, t: float) -> Values | None:
         """Return the values at time t (s), None where the measurements do not reach."""
-        return self._asked(t)
-
-    def _interpolated(self, t: float) -> Values | None:
         if not self._times or t < self._times[0]:
             return None
-        i = bisect_left(self._times, t)
-        if i == len(self._times):
+        if t > self._times[-1]:
             return self._ahead(t) if t - self._times[-1] <= self._held_s else None
+        return self._between(t)
+
+    def _interpolated(self, t: float) -> Values | None:
+        i = bisect_left(self._times, t)
         if self._times[i] == t:
             return self._values[i]
         t0, t1 = self._times[i - 1], self._times[i]
