@@ -67,7 +67,8 @@ def cross(a: Vec3, b: Vec3) -> Vec3:
 
 def norm(a: Vec3) -> float:
     """Return the length."""
-    return math.sqrt(dot(a, a))
+    x, y, z = a
+    return math.sqrt(x * x + y * y + z * z)
 
 
 def unit(a: Vec3) -> Vec3:
@@ -76,7 +77,9 @@ def unit(a: Vec3) -> Vec3:
     Raises:
         ZeroDivisionError: a is the zero vector.
     """
-    return scale(a, 1.0 / norm(a))
+    x, y, z = a
+    k = 1.0 / math.sqrt(x * x + y * y + z * z)
+    return (k * x, k * y, k * z)
 
 
 def angle_between(a: Vec3, b: Vec3) -> float:
@@ -109,14 +112,25 @@ def diagonal(a: float, b: float, c: float) -> Mat3:
 
 def matmul(a: Mat3, b: Mat3) -> Mat3:
     """Return a b."""
-    # Written out, as sums and multiples below: they run thousands of times a second, and calls cost
-    # more than the arithmetic.
+    # Written out, as others here: they run thousands of times a second, and calls cost more than
+    # the arithmetic.
     (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
     (x, y, z), (u, v, w), (p, q, r) = a
     return (
         (x * b00 + y * b10 + z * b20, x * b01 + y * b11 + z * b21, x * b02 + y * b12 + z * b22),
         (u * b00 + v * b10 + w * b20, u * b01 + v * b11 + w * b21, u * b02 + v * b12 + w * b22),
         (p * b00 + q * b10 + r * b20, p * b01 + q * b11 + r * b21, p * b02 + q * b12 + r * b22),
+    )
+
+
+def matmul_transposed(a: Mat3, b: Mat3) -> Mat3:
+    """Return a b^T."""
+    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
+    (x, y, z), (u, v, w), (p, q, r) = a
+    return (
+        (x * b00 + y * b01 + z * b02, x * b10 + y * b11 + z * b12, x * b20 + y * b21 + z * b22),
+        (u * b00 + v * b01 + w * b02, u * b10 + v * b11 + w * b12, u * b20 + v * b21 + w * b22),
+        (p * b00 + q * b01 + r * b02, p * b10 + q * b11 + r * b12, p * b20 + q * b21 + r * b22),
     )
 
 
@@ -131,6 +145,17 @@ def matadd(a: Mat3, b: Mat3) -> Mat3:
     )
 
 
+def matsub(a: Mat3, b: Mat3) -> Mat3:
+    """Return a - b."""
+    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
+    (x, y, z), (u, v, w), (p, q, r) = a
+    return (
+        (x - b00, y - b01, z - b02),
+        (u - b10, v - b11, w - b12),
+        (p - b20, q - b21, r - b22),
+    )
+
+
 def matscale(a: Mat3, k: float) -> Mat3:
     """Return k a."""
     (x, y, z), (u, v, w), (p, q, r) = a
@@ -139,12 +164,13 @@ def matscale(a: Mat3, k: float) -> Mat3:
 
 def outer(a: Vec3, b: Vec3) -> Mat3:
     """Return a b^T."""
-    return (scale(b, a[0]), scale(b, a[1]), scale(b, a[2]))
+    (x, y, z), (u, v, w) = a, b
+    return ((x * u, x * v, x * w), (y * u, y * v, y * w), (z * u, z * v, z * w))
 
 
 def rotate_covariance(R: Mat3, covariance: Mat3) -> Mat3:
     """Return R covariance R^T: the covariance in the frame that R rotates to."""
-    return matmul(matmul(R, covariance), transpose(R))
+    return matmul_transposed(matmul(R, covariance), R)
 
 
 def inverse(m: Mat3) -> Mat3:
@@ -153,11 +179,14 @@ def inverse(m: Mat3) -> Mat3:
     Raises:
         ZeroDivisionError: m is singular.
     """
-    c0 = cross(m[1], m[2])
-    c1 = cross(m[2], m[0])
-    c2 = cross(m[0], m[1])
-    k = 1.0 / dot(m[0], c0)
-    return transpose((scale(c0, k), scale(c1, k), scale(c2, k)))
+    (a, b, c), (d, e, f), (g, h, i) = m
+    x, y, z = e * i - f * h, f * g - d * i, d * h - e * g
+    k = 1.0 / (a * x + b * y + c * z)
+    return (
+        (k * x, k * (h * c - i * b), k * (b * f - c * e)),
+        (k * y, k * (i * a - g * c), k * (c * d - a * f)),
+        (k * z, k * (g * b - h * a), k * (a * e - b * d)),
+    )
 
 
 def rot_y(angle: float) -> Mat3:

@@ -13,7 +13,10 @@ from landerd.geometry import (
     heading_of,
     inverse,
     is_finite,
+    matadd,
     matmul,
+    matmul_transposed,
+    matsub,
     norm,
     rot_y,
     rot_z,
@@ -172,3 +175,17 @@ def test_a_quaternion_is_a_rotation_only_at_length_one() -> None:
     assert close(rotate(R, (1.0, 0.0, 0.0)), (0.0, 1.0, 0.0))  # turned right
     assert rotation((0.0, 0.0, 0.0, 0.0)) is None
     assert rotation((math.nan, 0.0, 0.0, 0.0)) is None
+
+
+@given(a=st.tuples(VECTORS, VECTORS, VECTORS), b=st.tuples(VECTORS, VECTORS, VECTORS))
+def test_a_product_with_a_transpose_is_the_product_with_what_was_transposed(
+    a: Mat3, b: Mat3
+) -> None:
+    assert matmul_transposed(a, b) == matmul(a, transpose(b))
+    assert matmul_transposed(IDENTITY, b) == transpose(b)
+
+
+@given(a=st.tuples(VECTORS, VECTORS, VECTORS), b=st.tuples(VECTORS, VECTORS, VECTORS))
+def test_a_difference_and_what_was_subtracted_make_the_whole(a: Mat3, b: Mat3) -> None:
+    whole = matadd(matsub(a, b), b)
+    assert all(close(got, row, 1e-9) for got, row in zip(whole, a, strict=True))

@@ -28,7 +28,9 @@ from landerd.geometry import (
     inverse,
     matadd,
     matmul,
+    matmul_transposed,
     matscale,
+    matsub,
     outer,
     rot_z,
     rotate,
@@ -136,12 +138,11 @@ class MotionFilter:
         """
         self.t = t
         b, g = B
-        by_b = matadd(matmul(b, self.Pbb), matmul(g, transpose(self._Pbg)))
+        by_b = matadd(matmul(b, self.Pbb), matmul_transposed(g, self._Pbg))
         by_g = matadd(matmul(b, self._Pbg), matmul(g, self.Pgg))
         self.position = sub(measured, _apparent_shift(B, self.biases))
         self.velocity = ZERO
-        through = matadd(matmul(by_b, transpose(b)), matmul(by_g, transpose(g)))
-        self.Ppp = _symmetric(matadd(R, through))
+        self.Ppp = _symmetric(_with_products(R, by_b, b, by_g, g))
         self.Ppv = self._Pvb = self._Pvg = ZEROS
         self.Pvv = diagonal(*(sigma * sigma for sigma in sigma_velocity))
         self._Ppb, self._Ppg = matscale(by_b, -1.0), matscale(by_g, -1.0)
@@ -181,7 +182,7 @@ class MotionFilter:
         """Return position (m), velocity (m/s) and position covariance (m^2), dt (s) after `t`."""
         turn, ahead = self._transition(dt)
         position = add(self.position, rotate(ahead, self.velocity))
-        return position, rotate(turn, self.velocity), self._position_covariance_after(dt, ahead)
+        return position, rotate(turn, self.velocity), self._position_covariance_after(dt)
 
     def predict(self, t: float) -> None:
         """Predict to time t, s."""
@@ -191,7 +192,7 @@ class MotionFilter:
         turn, ahead = self._transition(dt)
         self.position, self.velocity, self.Ppp = self.at(dt)
         noise = diagonal(*scale(self.q, 0.5 * dt * dt))
-        self.Ppv = matmul(matadd(self.Ppv, matmul(ahead, self.Pvv)), transpose(turn))
+        self.Ppv = matmul_transposed(matadd(self.Ppv, matmul(ahead, self.Pvv)), turn)
         self.Ppv = matadd(self.Ppv, noise)
         self.Pvv = matadd(rotate_covariance(turn, self.Pvv), diagonal(*scale(self.q, dt)))
         self._Ppb = matadd(self._Ppb, matmul(ahead, self._Pvb))
@@ -219,16 +220,11 @@ class MotionFilter:
     def innovation(self, measured: Vec3, R: Mat3, B: Jacobian) -> Innovation:
         """Return the innovation of a position (m) measured at `t`, noise covariance R (m^2)."""
         b, g = B
-        bt, gt = transpose(b), transpose(g)
-
-        def through(P0: Mat3, Pb: Mat3, Pg: Mat3) -> Mat3:
-            return matadd(matadd(P0, matmul(Pb, bt)), matmul(Pg, gt))
-
-        Up = through(self.Ppp, self._Ppb, self._Ppg)
-        Uv = through(transpose(self.Ppv), self._Pvb, self._Pvg)
-        Ub = through(transpose(self._Ppb), self.Pbb, self._Pbg)
-        Ug = through(transpose(self._Ppg), transpose(self._Pbg), self.Pgg)
-        S = matadd(matadd(matadd(Up, matmul(b, Ub)), matmul(g, Ug)), R)
+        Up = _with_products(self.Ppp, self._Ppb, b, self._Ppg, g)
+        Uv = _with_products(transpose(self.Ppv), self._Pvb, b, self._Pvg, g)
+        Ub = _with_products(transpose(self._Ppb), self.Pbb, b, self._Pbg, g)
+        Ug = _with_products(transpose(self._Ppg), transpose(self._Pbg), b, self.Pgg, g)
+        S = matadd(_with_products(Up, b, transpose(Ub), g, transpose(Ug)), R)
         vector = sub(sub(measured, self.position), _apparent_shift(B, self.biases))
         p, _, by_b, by_g = self._coupling.sensitivity
         coupling_jacobian = add(p, _apparent_shift(B, (by_b, by_g)))
@@ -255,18 +251,17 @@ class MotionFilter:
         clock_variance = self.Pbb[2][2] - dot(K_clock, Ub[2])
         about_x, about_y, _ = add(b, rotate(Kb, vector))
         self.biases = (about_x, about_y, clock), add(g, rotate(Kg, vector))
-        Up, Uv, Ub, Ug = transpose(Up), transpose(Uv), transpose(Ub), transpose(Ug)
-        self.Ppp = _symmetric(_minus(self.Ppp, matmul(Kp, Up)))
-        self.Ppv = _minus(self.Ppv, matmul(Kp, Uv))
-        self.Pvv = _symmetric(_minus(self.Pvv, matmul(Kv, Uv)))
-        self._Ppb = _minus(self._Ppb, matmul(Kp, Ub))
-        self._Pvb = _minus(self._Pvb, matmul(Kv, Ub))
-        x, y, z = _symmetric(_minus(self.Pbb, matmul(Kb, Ub)))
+        self.Ppp = _symmetric(_corrected(self.Ppp, Kp, Up))
+        self.Ppv = _corrected(self.Ppv, Kp, Uv)
+        self.Pvv = _symmetric(_corrected(self.Pvv, Kv, Uv))
+        self._Ppb = _corrected(self._Ppb, Kp, Ub)
+        self._Pvb = _corrected(self._Pvb, Kv, Ub)
+        x, y, z = _symmetric(_corrected(self.Pbb, Kb, Ub))
         self.Pbb = (x, y, (z[0], z[1], clock_variance))
-        self._Ppg = _minus(self._Ppg, matmul(Kp, Ug))
-        self._Pvg = _minus(self._Pvg, matmul(Kv, Ug))
-        self._Pbg = _minus(self._Pbg, matmul(Kb, Ug))
-        self.Pgg = _symmetric(_minus(self.Pgg, matmul(Kg, Ug)))
+        self._Ppg = _corrected(self._Ppg, Kp, Ug)
+        self._Pvg = _corrected(self._Pvg, Kv, Ug)
+        self._Pbg = _corrected(self._Pbg, Kb, Ug)
+        self.Pgg = _symmetric(_corrected(self.Pgg, Kg, Ug))
         self._correct_coupling(innovation, (Kp, Kv, (*Kb[:2], K_clock), Kg))
 
     def _correct_coupling(self, innovation: Innovation, K: tuple[Mat3, Mat3, Mat3, Mat3]) -> None:
@@ -281,10 +276,10 @@ class MotionFilter:
         self.position, self.velocity = add(self.position, p), add(self.velocity, v)
         self.biases = add(self.biases[0], b), add(self.biases[1], g)
 
-    def _position_covariance_after(self, dt: float, ahead: Mat3) -> Mat3:
-        cross = matmul(self.Ppv, transpose(ahead))
-        grown = matadd(self.Ppp, matadd(cross, transpose(cross)))
-        grown = matadd(grown, rotate_covariance(ahead, self.Pvv))
+    def _position_covariance_after(self, dt: float) -> Mat3:
+        # As of a point that goes straight on: between two pictures it turns by a degree at most.
+        grown = matadd(self.Ppp, matscale(matadd(self.Ppv, transpose(self.Ppv)), dt))
+        grown = matadd(grown, matscale(self.Pvv, dt * dt))
         return matadd(grown, diagonal(*scale(self.q, dt**3 / 3.0)))
 
 
@@ -305,12 +300,18 @@ def _times(a: Vec3, b: Vec3) -> Vec3:
 
 def _columns(m: Mat3, k: Vec3) -> Mat3:
     """Return m diag(k)."""
-    return (_times(m[0], k), _times(m[1], k), _times(m[2], k))
+    return _product(m, (k, k, k))
 
 
 def _product(a: Mat3, b: Mat3) -> Mat3:
     """Return the product element by element."""
-    return (_times(a[0], b[0]), _times(a[1], b[1]), _times(a[2], b[2]))
+    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
+    (x, y, z), (u, v, w), (p, q, r) = a
+    return (
+        (x * b00, y * b01, z * b02),
+        (u * b10, v * b11, w * b12),
+        (p * b20, q * b21, r * b22),
+    )
 
 
 def _faded(P: Mat3, keep: Mat3, initial: Mat3) -> Mat3:
@@ -321,13 +322,21 @@ def _faded(P: Mat3, keep: Mat3, initial: Mat3) -> Mat3:
         keep: product of the decay factors of each pair of errors.
         initial: their stationary covariance.
     """
-    return matadd(initial, _product(_minus(P, initial), keep))
+    return matadd(initial, _product(matsub(P, initial), keep))
 
 
-def _minus(a: Mat3, b: Mat3) -> Mat3:
-    return (sub(a[0], b[0]), sub(a[1], b[1]), sub(a[2], b[2]))
+def _with_products(P: Mat3, a: Mat3, b: Mat3, c: Mat3, d: Mat3) -> Mat3:
+    """Return P + a b^T + c d^T."""
+    return matadd(P, matadd(matmul_transposed(a, b), matmul_transposed(c, d)))
+
+
+def _corrected(P: Mat3, K: Mat3, U: Mat3) -> Mat3:
+    """Return P - K U^T."""
+    return matsub(P, matmul_transposed(K, U))
 
 
 def _symmetric(m: Mat3) -> Mat3:
     """Average with the transpose: rounding would otherwise pull the two halves apart."""
-    return matscale(matadd(m, transpose(m)), 0.5)
+    (a, b, c), (d, e, f), (g, h, i) = m
+    b, c, f = 0.5 * (b + d), 0.5 * (c + g), 0.5 * (f + h)
+    return ((a, b, c), (b, e, f), (c, f, i))
