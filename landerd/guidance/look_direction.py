@@ -8,7 +8,7 @@ from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3, add, dot, rot_z, rotate, scale, sub, transpose, unit
+from landerd.geometry import Vec3, add, dot, rotate, scale, sub, transpose, unit
 from landerd.pad import Marker, PadLayout, Ring, size_m
 
 # Largest angle between markers, rad, at which they count as in one picture: chosen by hand for the
@@ -40,36 +40,32 @@ class LookDirection:
             now: s.
             options: the gimbal's lead, and how long a pad out of sight is remembered.
         """
-        attitude = estimator.poses.attitude.newest
         # Stale data would turn the lens away from a pad that is still in the picture.
-        if attitude is None or not estimator.has_fresh_vehicle(now):
+        if not estimator.has_fresh_vehicle(now):
             return None
         remembered = now - estimator.sighting_t < options.search_after_s
         pad = estimator.pad(now) if remembered else None
         if pad is None:
             maybe = estimator.unconfirmed(now, GLANCE_S)
             pad = None if _flies_away(estimator.vehicle(now), maybe) else maybe
-        if pad is None:
-            return None
-        then = now + options.lead_s
-        return self.direction(estimator.poses, pad.moved(then), then - attitude[0])
+        return None if pad is None else self.direction(estimator.poses, pad, options.lead_s)
 
-    def direction(self, poses: PoseHistory, pad: PadEstimate, ahead_s: float) -> Vec3 | None:
+    def direction(self, poses: PoseHistory, pad: PadEstimate, lead_s: float) -> Vec3 | None:
         """Return the direction to look in, a unit vector in the gimbal's base frame.
 
         Args:
             poses: where vehicle and gimbal are.
-            pad: predicted to when the gimbal will have turned.
-            ahead_s: how long after the newest attitude that is, s.
+            pad: now.
+            lead_s: until the gimbal will have turned, s.
 
         Returns:
             None without position or attitude, or nearer than MIN_RANGE_M.
         """
-        base = poses.gimbal_base(ahead_s)
+        base = poses.gimbal_base(poses.attitude.age(pad.t) + lead_s)
         if base is None:
             return None
         pivot, R_local_base = base
-        to_pad = sub(pad.position, pivot)
+        to_pad = sub(add(pad.position, scale(pad.velocity, lead_s)), pivot)
         look = to_pad if pad.heading is None else self._look(to_pad, pad.heading)
         if dot(look, look) < MIN_RANGE_M * MIN_RANGE_M:
             return None
@@ -82,10 +78,11 @@ class LookDirection:
             to_pad: from the gimbal's pivot to the landing point, local, m.
             heading: of the pad, local, rad.
         """
-        R = rot_z(heading)
+        x, y, z = to_pad
+        c, s = math.cos(heading), math.sin(heading)
         middle = to_pad
         for corners in self._groups:
-            rays = [unit(add(to_pad, rotate(R, c))) for c in corners]
+            rays = [unit((x + c * n - s * e, y + s * n + c * e, z)) for n, e in corners]
             # The wider of the rectangle's diagonals.
             diagonal = min(((rays[0], rays[2]), (rays[1], rays[3])), key=lambda d: dot(*d))
             middle = add(*diagonal)
@@ -106,12 +103,12 @@ def _flies_away(vehicle: VehicleState | None, pad: PadEstimate | None) -> bool:
     return north * vehicle.velocity[0] + east * vehicle.velocity[1] < 0.0
 
 
-def _corners(markers: Sequence[Marker]) -> list[Vec3]:
-    """Return the corners of the rectangle around markers, pad frame."""
+def _corners(markers: Sequence[Marker]) -> list[tuple[float, float]]:
+    """Return the corners of the rectangle around markers, north and east of the pad's, m."""
     north, east = [], []
     for m in markers:
         (x, y), half = m.position_m, 0.5 * size_m(m)
         north += [x - half, x + half]
         east += [y - half, y + half]
     n, s, e, w = max(north), min(north), max(east), min(east)
-    return [(n, e, 0.0), (n, w, 0.0), (s, w, 0.0), (s, e, 0.0)]
+    return [(n, e), (n, w), (s, w), (s, e)]
