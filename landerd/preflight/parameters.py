@@ -26,6 +26,7 @@ ATTITUDE, SLOWEST_ATTITUDE_S, GOOD_ATTITUDE_S = "ATC_INPUT_TC", 0.3, 0.2
 # Of GUID_OPTIONS: velocity is not held. In SITL ArduCopter then drifted at 0.1 m/s whatever was
 # ordered, and never came to the pad; with 16, position is not held, it landed as ever.
 VELOCITY_NOT_HELD = 1 << 5
+MODE_CHANNEL = "FLTMODE_CH"  # the RC channel by which the pilot selects flight modes
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def judged_parameters(config: Config) -> Mapping[str, Rule]:
 
 def asked_parameters(config: Config) -> list[str]:
     """Return the names of all parameters that `parameter_findings` uses."""
-    return [*judged_parameters(config), *_ACCELERATIONS, *_JERKS, ATTITUDE]
+    return [*judged_parameters(config), MODE_CHANNEL, *_ACCELERATIONS, *_JERKS, ATTITUDE]
 
 
 def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Finding]:
@@ -90,7 +91,7 @@ def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Find
             if name == "GUID_TIMEOUT":
                 what += _where_it_strikes(config, values[name])
             found.append(Finding(rule.level, "parameters", what, f"set {name} {rule.best:g}"))
-    found += _shaping(config, values) + _attitude(values)
+    found += _mode_switch(config, values) + _shaping(config, values) + _attitude(values)
     told = {*values, *(old for old, new in SUCCESSORS.items() if new in values)}
     told |= {new for old, new in SUCCESSORS.items() if old in values}
     missing = [name for name in rules if name not in told]
@@ -111,6 +112,18 @@ def _where_it_strikes(config: Config, timeout_s: float) -> str:
     deceleration = flyable_limits(config).vertical_acceleration_mps2
     now, then = (unstopped_height(t, deceleration) for t in (timeout_s, LONGEST_TIMEOUT_S))
     return f", below {now:.1f} m to the ground (with {LONGEST_TIMEOUT_S:g} s below {then:.1f} m)"
+
+
+def _mode_switch(config: Config, values: Mapping[str, float]) -> list[Finding]:
+    """Return a finding if the switch is that of the flight modes: selecting one would be to land.
+
+    It is channel 5 by ArduCopter's default, which is the first that rc.gate_channel may be.
+    """
+    channel = config.rc.gate_channel
+    if values.get(MODE_CHANNEL) != channel:
+        return []
+    what = f"{MODE_CHANNEL} is {channel}: landerd's switch selects flight modes, and they open it"
+    return [Finding("fail", "parameters", what, "set rc.gate_channel to a switch of its own")]
 
 
 def _shaping(config: Config, values: Mapping[str, float]) -> list[Finding]:

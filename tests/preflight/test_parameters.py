@@ -1,6 +1,7 @@
 import pytest
 
 from landerd.config.files import config_dir
+from landerd.config.parameters import with_value
 from landerd.drivers import read_configuration
 from landerd.preflight.parameters import parameter_findings
 
@@ -64,6 +65,15 @@ def test_a_long_timeout_fails_with_the_height_from_which_it_strikes(
     (finding,) = parameter_findings(CONFIG, values)
     assert finding.level == "fail"
     assert f"below {height_m} m to the ground" in finding.what
+
+
+@pytest.mark.parametrize(("channel", "level"), [(5, "fail"), (6, "ok")])
+def test_a_switch_that_selects_flight_modes_too_is_a_failure(channel: int, level: str) -> None:
+    config = with_value(CONFIG, "rc.gate_channel", channel)
+    values = {name: value for name, value in SOUND.items() if name != "RC11_OPTION"}
+    values |= {f"RC{channel}_OPTION": 0.0, "ARMING_CHECK": 1.0, "FLTMODE_CH": 5.0}
+    (finding,) = parameter_findings(config, values)
+    assert finding.level == level
 
 
 @pytest.mark.parametrize("options", [32.0, 48.0, float("nan")])
