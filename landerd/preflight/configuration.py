@@ -19,6 +19,7 @@ from landerd.printing.proposal import View
 _FIRST_FLIGHT_MPS = 5.0  # highest speed to which a pilot's thumb can still react
 _EDGE_M = 1e-3  # of a marker over the plate's, is not told
 _HIGHEST_M, _STEP_M = 15.0, 0.25  # heights over the pad that are examined: the highest, the step
+_LEAST_MISS_M = 0.05  # guidance.descent.commit_miss_m with which a landing still succeeds
 _LEAST_LEAN_DEG = 5.0  # lean that steering and a light wind require
 # A marker fills the picture at so much of the distance from which it is whole with a margin; and
 # may be out of it so far over the commit height, m: what is left is flown without sight.
@@ -106,6 +107,16 @@ def stance_findings(config: Config, layout: PadLayout) -> list[Finding]:
         mend = (
             "measure vehicle.footprint_m, and the plate of the pad's file; ground that is level "
             "with the print may count as plate"
+        )
+        found.append(Finding("warn", "feet", what, mend))
+    elif (miss_m := config.guidance.descent.commit_miss_m) > edge - reach:
+        what = (
+            f"a landing is committed up to {miss_m:g} m off, and {edge - reach:.2f} m off a foot "
+            "touches beside the plate: from a raised pad the vehicle would fall"
+        )
+        mend = (
+            f"set guidance.descent.commit_miss_m to {max(edge - reach, _LEAST_MISS_M):.2g}; ground "
+            "that is level with the print may count as plate, in the pad's file"
         )
         found.append(Finding("warn", "feet", what, mend))
     below = vehicle.camera_offset_m[2] - vehicle.gear_height_m

@@ -327,6 +327,13 @@ def pad_with(fault: str) -> Callable[[SetUp], None]:
             "footprint_m",
         ),
         (
+            given("vehicle.footprint_m=[0.8, 0.6]"),
+            "warn",
+            "feet",
+            "0.2 m off, and 0.12 m off a foot",
+            "commit_miss_m to 0.12",
+        ),
+        (
             given("vehicle.gear_height_m=1.0"),
             "warn",
             "feet",
