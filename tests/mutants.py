@@ -1065,6 +1065,13 @@ MUTANTS = [
         "test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then_hands_back",
     ),
     Mutant(
+        "2: a plate that is tilted counts seconds later",
+        PHASES,
+        "self._lean = angle_between(self._down, relative.normal)",
+        "self._lean += dt / LEAN_S * (angle_between(down, relative.normal) - self._lean)",
+        "guidance/test_landing.py::test_a_plate_that_is_tilted_just_before_the_touch_is_not_landed_on",
+    ),
+    Mutant(
         "4: a landing begins on a pad that it may stand on",
         CONTEXT,
         "waits = self.hold_asked if rests else self.rest.is_possible",

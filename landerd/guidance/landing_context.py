@@ -8,7 +8,6 @@ from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import angle_between
 from landerd.guidance import pilot_texts
 from landerd.guidance.attempts import Attempts
 from landerd.guidance.footprint import Footprint
@@ -115,9 +114,8 @@ class LandingContext:
         if vehicle is None or pad is None or not age < limit:
             return None
         relative = self.relative(vehicle, pad)
-        lean = angle_between(vehicle.down, pad.normal)
         wrong_climb = self.estimator.poses.climb_rate_is_wrong(step.now)
-        return Sight(relative, age, pad.heading, lean, pad.position[2], wrong_climb)
+        return Sight(relative, age, pad.heading, vehicle.down, pad.position[2], wrong_climb)
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:
         """Return the pad relative to the vehicle, both at the same time."""

@@ -123,7 +123,7 @@ class Sight:
     relative: RelativeState
     age: float  # since the exposure of the last accepted sighting, s
     heading: float | None  # of the pad, local, rad; None: not known
-    lean: float  # of the airframe from how it would stand on the pad, rad
+    down: Vec3  # the airframe's down axis, local
     pad_down: float  # local z of the landing point, m
     # The autopilot's height contradicts its climb rate: it does not fly the ordered vertical
     # velocity then, and a standing pad seems to rise or to sink.

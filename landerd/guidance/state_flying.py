@@ -189,7 +189,7 @@ class Tracking:
         if context.attempts.takes_too_long(step.now) and not context.below.is_fast_and_close:
             return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
-        phases.watch(sight.lean, relative, step.dt)
+        phases.watch(sight.down, relative, step.dt)
         may_land = not context.hold_asked and not sight.climb_rate_is_wrong
         arrives = self._arrives(step.now, sight)
         phase, why = phases.step(relative, sight.age, may_land=may_land, arrives=arrives)

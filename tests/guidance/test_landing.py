@@ -224,6 +224,19 @@ def test_the_lean_that_forbids_a_landing_is_relative_to_the_plate(
     assert any("leans too far: 30 degrees" in text for text in flight.texts) != lands
 
 
+def test_a_plate_that_is_tilted_just_before_the_touch_is_not_landed_on() -> None:
+    """A leaning vehicle touched one that somebody had lifted, slid off it, and was thrown over."""
+    flight = Flight()
+    flight.lean = math.radians(-12.0)
+    flight.engaged()
+    while flight.height > 0.4:
+        flight.tick()
+    flight.slope = math.radians(-24.0)
+    flight.run(5.0)
+    assert flight.contact_t is None
+    assert any("leans too far" in text for text in flight.texts)
+
+
 def test_no_landing_begins_while_it_may_already_stand_on_the_pad() -> None:
     """Once, it was lifted off: after a gap of telemetry the pad's velocity was uncertain."""
     flight = Flight(position=(0.0, 0.0, -Config().vehicle.gear_height_m))

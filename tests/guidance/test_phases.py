@@ -65,7 +65,7 @@ def flown(p: Phases, seconds: float, *, sinks_mps: float) -> None:
         p.step(situation(0.05, 1.0))
     off = situation(0.16, 0.5, rate=(0.0, 0.0, -sinks_mps))
     for _ in range(round(seconds / 0.1)):
-        p.watch(0.0, off, 0.1)
+        p.watch((0.0, 0.0, 1.0), off, 0.1)
         assert p.step(off)[0] is Phase.DESCENT
 
 
