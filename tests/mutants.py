@@ -416,9 +416,16 @@ MUTANTS = [
     Mutant(
         "2: touches down although asked to hold since commit",
         COMMITTED,
-        "if context.hold_asked and not self._touchdown.may_touch:",
+        "if self._asks_to_hold(step.now) and not self._touchdown.may_touch:",
         "if False:",
         "guidance/test_hold.py::test_committed_it_climbs_away_and_holds_and_that_is_no_failed_descent",
+    ),
+    Mutant(
+        "1b: a switch that passes its middle asks for a hold",
+        COMMITTED,
+        "return now - self._hold_since >= HOLD_ASKED_S",
+        "return asked",
+        "guidance/test_landing.py::test_a_switch_that_passes_its_middle_releases_as_one_that_has_none",
     ),
     Mutant(
         "2: the middle of the switch means nothing",
@@ -1057,19 +1064,19 @@ MUTANTS = [
         "test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_moving_pad",
     ),
     Mutant(
+        "2: a plate that is tilted counts seconds later",
+        PHASES,
+        "self._lean = angle_between(self._down, relative.normal)",
+        "self._lean += dt / LEAN_S * (angle_between(down, relative.normal) - self._lean)",
+        "guidance/test_landing.py::test_a_plate_that_is_tilted_just_before_the_touch_is_not_landed_on",
+    ),
+    Mutant(
         "2: comes down however far it leans",
         PHASES,
         "self.leans = leans and relative.height",
         "self.leans = False and relative.height",
         "guidance/test_landing.py::"
         "test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then_hands_back",
-    ),
-    Mutant(
-        "2: a plate that is tilted counts seconds later",
-        PHASES,
-        "self._lean = angle_between(self._down, relative.normal)",
-        "self._lean += dt / LEAN_S * (angle_between(down, relative.normal) - self._lean)",
-        "guidance/test_landing.py::test_a_plate_that_is_tilted_just_before_the_touch_is_not_landed_on",
     ),
     Mutant(
         "4: a landing begins on a pad that it may stand on",

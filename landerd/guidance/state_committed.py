@@ -27,6 +27,11 @@ from landerd.messages import Landed, Phase, Severity
 # Slowest descent after commit, m/s, in local NED, even over a deck that rises: yielding to that
 # would be to hover just over it. Chosen by hand, just enough to be a descent.
 MIN_DESCENT_MPS = 0.05
+# The switch must be in its middle for this long, s, to ask for a hold: on its way from high to low
+# it is there for one or two of the RC messages, 0.05 s apart. Where these broke off the descent,
+# the release that followed stopped a vehicle that leaned by 18 degrees, and once a foot was down it
+# was not levelled.
+HOLD_ASKED_S = 0.15
 
 
 class Committed:
@@ -46,7 +51,7 @@ class Committed:
         # then, and if one will be down before a climb takes effect. Else None.
         self._touching: tuple[RelativeState, float | None] | None = None
         self._arriving: tuple[RelativeState, float | None] | None = None
-        self._misses_since = math.inf
+        self._misses_since = self._hold_since = math.inf
         self._watched_t = -math.inf  # time of the last velocity passed to the touch-down, s
 
     def enter(self, step: ControlStep) -> None:
@@ -55,7 +60,7 @@ class Committed:
         self._watched_t = step.now
         self._context.landed = Landed.UNDEFINED  # earlier reports are of another landing
         self._pad = self._touching = self._arriving = None
-        self._misses_since = math.inf
+        self._misses_since = self._hold_since = math.inf
         self._context.attempts.end()
 
     def order(self, step: ControlStep) -> Event | None:
@@ -92,7 +97,7 @@ class Committed:
             return event
         # From a touch on sight says little: it turns the airframe faster than the direction of the
         # lens is known.
-        if context.hold_asked and not self._touchdown.may_touch:
+        if self._asks_to_hold(step.now) and not self._touchdown.may_touch:
             return Event.HOLD_ASKED
         in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)
         if in_air and self._misses(step.now, _of_foot(relative, vehicle), pad.heading):
@@ -106,6 +111,12 @@ class Committed:
         descent = max(heave + sink_rate, MIN_DESCENT_MPS)
         context.orders.fly((north, east, descent), yaw_rate, may_descend=True)
         return None
+
+    def _asks_to_hold(self, now: float) -> bool:
+        """Tell whether the switch stays in its middle; called until contact."""
+        asked = self._context.hold_asked
+        self._hold_since = min(self._hold_since, now) if asked else math.inf
+        return now - self._hold_since >= HOLD_ASKED_S
 
     def _note_contact(
         self, relative: RelativeState, heading: float | None, lowest_m: float

@@ -112,7 +112,7 @@ def test_committed_it_climbs_away_and_holds_and_that_is_no_failed_descent() -> N
     flight.pulse_us = HIGH
     flight.until(Phase.LANDED)
     flight.pulse_us = MIDDLE
-    flight.run(0.2)
+    flight.run(0.3)
     assert flight.lander.state is State.WAVING_OFF
     assert any("asked to hold, climbing away" in text for text in flight.texts)
     held(flight)

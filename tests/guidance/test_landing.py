@@ -625,6 +625,27 @@ def test_stopped_just_over_the_pad_it_is_levelled_where_wind_has_a_foot_down(
     assert bool(flight.pressed) == (lean_deg == 18.0)
 
 
+@pytest.mark.parametrize("ticks", [0, 2, 4])  # that the switch is in its middle on its way
+def test_a_switch_that_passes_its_middle_releases_as_one_that_has_none(ticks: int) -> None:
+    """It was taken for a hold asked: the climb that began hid the touch from the release."""
+    three_positions = {"gate_threshold_us": 1300, "land_threshold_us": 1700}
+    flight = Flight(config=Config.model_validate({"rc": three_positions})).engaged()
+    flight.detects_landing, flight.lean = False, math.radians(18.0)
+    to(flight, State.COMMITTED)
+    while flight.height > 0.09:
+        flight.tick()
+    flight.pulse_us = 1500
+    flight.run(ticks * DT)
+    flight.pulse_us, position = LOW, flight.position
+    while flight.lander.state is not State.SILENT:
+        if flight.height < 0.075:  # the foot that leans down is on the pad, and holds it up
+            flight.position, flight.velocity = position, (0.0, 0.0, 0.0)
+            flight.contact_t = flight.contact_t or flight.t
+        position = flight.position
+        flight.tick()
+    assert flight.pressed
+
+
 def test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_moving_pad() -> None:
     """Once, it climbed away after 12 s on the pad, and tipped over in the stop that followed."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
