@@ -23,18 +23,13 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring
 from landerd.vision.arrays import U8
-from landerd.vision.patch import levels_at
 from landerd.vision.plate_heading import PlateHeading
-from landerd.vision.plate_outline import PlateOutline, outlines
-from landerd.vision.pose import circle, px_per_m, rotation_from
+from landerd.vision.plate_outline import PlateOutline, outlines, own_levels
+from landerd.vision.pose import px_per_m, rotation_from
 from landerd.vision.ring_explained import Vouches
 
 _MIN_RADIUS_PX = 3.5  # of a ring: smaller ones are not refused
 _RATIO_TELLS_PX = 14.0  # radius from which on a ring's ratio tells it from others
-_MOST_CUT = 0.6  # share of the points that tell its black and white that may be out of the picture
-# Radius of the circle on which the white about a ring is measured, in the ring's radii: it is
-# within the margin of any print.
-_OWN_WHITE = 1.1
 
 
 class PlateCheck:
@@ -111,13 +106,10 @@ class PlateCheck:
     def _has_outlines(self, image: U8, ring: Ring, t: F64, normal: F64) -> bool | None:
         """Tell whether the outlines are seen about a ring's pose; None: too little is in view."""
         axes = rotation_from(normal)[:, :2]
-        rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
-        levels = levels_at(image, self._camera, t + ring.radius_m * rims @ axes.T)
-        if np.isnan(levels).mean() > _MOST_CUT:
+        levels = own_levels(image, self._camera, ring, t, axes)
+        if levels is None:
             return None
-        black, white = np.nanmedian(levels.reshape(2, -1), axis=1).tolist()
-        outline = self._outlines[ring]
-        is_seen = outline.is_seen(image, self._camera, t, axes, (black, white))
+        is_seen = self._outlines[ring].is_seen(image, self._camera, t, axes, levels)
         heading = self._headings.get(ring)
         if is_seen is False or heading is None or self._radius_px(ring, t, normal) < _MIN_RADIUS_PX:
             return is_seen

@@ -26,7 +26,7 @@ from landerd.messages import PoseSolution
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision.arrays import Image
 from landerd.vision.patch import levels_at
-from landerd.vision.plate_outline import CLIPPED, HEADINGS, outlines
+from landerd.vision.plate_outline import CLIPPED, HEADINGS, outlines, own_levels
 from landerd.vision.plate_sides import PlateSides
 from landerd.vision.pose import normal_of, px_per_m, rotation_2d, rotation_from, wrapped
 from landerd.vision.square import printed_cells
@@ -41,6 +41,10 @@ _LEAST_PRINT_PX = 5.0  # side of a print, px: smaller ones tell nothing
 # both levels on, each increased by _NOISE, grey levels. The share is smaller where white is
 # clipped; where the ground is clipped, the plate's outline tells nothing.
 _WHOLE_STEP, _WHOLE_STEP_CLIPPED, _NOISE = 0.15, 0.05, 8.0
+# Ink shows at most this share of the white about it. If a ring's black shows more, the rest is a
+# veil that fog, haze or a lens with the sun on it lays over all levels: no share of a step goes by
+# that.
+_INK_SHARE = 0.4
 _PLATE_WEIGHT = 0.65  # of the plate's outline; the rest is that of the prints'
 
 # ---- which heading -----------------------------------------------------------------------------
@@ -110,7 +114,7 @@ class PlateHeading:
     def __init__(self, layout: PadLayout, ring: Ring) -> None:
         """Prepare the places to look at."""
         about = outlines(layout, ring)
-        self._diameter = ring.outer_diameter_m
+        self._ring = ring
         self.about = about
         self._codes = [
             _Code.of(square, ring)
@@ -146,7 +150,7 @@ class PlateHeading:
             if s.cost > ring[0].cost + _SAME_CHI2:
                 continue
             t, normal = np.array(s.position), np.array(s.normal)
-            if px_per_m(camera, t, normal) * self._diameter < _MIN_DIAMETER_PX:
+            if px_per_m(camera, t, normal) * self._ring.outer_diameter_m < _MIN_DIAMETER_PX:
                 continue
             axes = rotation_from(normal)[:, :2]
             seen = self._nearest_way(image, camera, t, axes, known)
@@ -284,11 +288,20 @@ class PlateHeading:
         px, inside, beyond = about.levels(image, camera, t, axes, self._turns[which])
         in_view = ~np.isnan(inside - beyond)
         whole = np.where(inside > CLIPPED, _WHOLE_STEP_CLIPPED, _WHOLE_STEP)
-        steps = (inside - beyond) / (whole * (inside + beyond + 2.0 * _NOISE))
+        light = np.maximum(inside + beyond - 2.0 * self._veil(image, camera, t, axes), 0.0)
+        steps = (inside - beyond) / (whole * (light + 2.0 * _NOISE))
         steps = np.where(in_view, np.clip(steps, -1.0, 1.0), 0.0)
         is_known = np.where(about.is_plate, beyond <= CLIPPED, px > _LEAST_PRINT_PX)
         weights = self._weights * (in_view & is_known)
         return steps, weights, in_view[:, about.is_plate].mean(axis=1)
+
+    def _veil(self, image: Image, camera: CameraModel, t: F64, axes: F64) -> float:
+        """Return the grey level that a veil adds to all levels about a ring; see `_INK_SHARE`."""
+        levels = own_levels(image, camera, self._ring, t, axes)
+        if levels is None:
+            return 0.0
+        black, white = levels
+        return max((black - _INK_SHARE * white) / (1.0 - _INK_SHARE), 0.0)
 
 
 def _mean(steps: F64, weights: F64) -> F64:

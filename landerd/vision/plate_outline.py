@@ -35,6 +35,10 @@ _LEAST_PRINT_PX = 3.0  # side of a print, px: smaller ones tell nothing
 # where white is clipped, so the share is smaller there.
 _STEP, _STEP_CLIPPED, _LEAST_STEP = 0.1, 0.05, 4.0
 CLIPPED = 250.0  # grey level from which on white counts as clipped, over full scale
+# Share of the points that tell a ring's black and white that may be out of the picture, and radius
+# of the circle on which the white about it is measured, in the ring's radii: it is within the
+# margin of any print.
+_MOST_CUT, _OWN_WHITE = 0.6, 1.1
 _PLATE_WEIGHT = 0.6  # of the plate's outline; the rest is that of the prints'
 # Deduction from the share of steps if the plate inside its outlines is mostly darker than the white
 # about the ring: the first per share of the ring's contrast. The same if it is brighter than the
@@ -184,6 +188,28 @@ class PlateOutline:
             uneven = (tells & (np.abs(rise) > least))[:, is_plate].mean(axis=1)
             is_without &= uneven > _EVEN_GROUND * plate_tells
         return is_seen & ~is_cut, is_cut & ~is_without
+
+
+def own_levels(
+    image: U8, camera: CameraModel, ring: Ring, t: F64, axes: F64
+) -> tuple[float, float] | None:
+    """Return the grey levels of a ring's black and of the white about it.
+
+    None: too much of it is out of the picture.
+
+    Args:
+        image: grey image (height, width).
+        camera: the lens.
+        ring: its size and ratio.
+        t: its centre (3,), camera frame, m.
+        axes: two unit vectors (3, 2) in its plane.
+    """
+    rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
+    levels = levels_at(image, camera, t + ring.radius_m * rims @ axes.T)
+    if np.isnan(levels).mean() > _MOST_CUT:
+        return None
+    black, white = np.nanmedian(levels.reshape(2, -1), axis=1).tolist()
+    return black, white
 
 
 def has_beside(layout: PadLayout, ring: Ring) -> bool:
