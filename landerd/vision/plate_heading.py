@@ -75,9 +75,10 @@ _WHOLE_VIEW, _CUT_VIEW, _CUT_STANDS_OUT = 0.7, 0.25, 0.6
 # compare with. Of 180 pads whose ring the picture's edge cuts three had less than 0.6, 0.46 at
 # least; of 100 black hoops so cut that nothing else refused five had 0.42 at most.
 _ALL_CUT_STANDS_OUT = 0.45
-# On ground as bright as the plate, whose outline is not seen there, prints decide alone. Ground is
-# such if the mean size of the outline's steps is at most the first, at every heading. Then so much
-# of the prints must be seen, with this lead, where at least this share of them is in view. On white
+# On ground as bright as the plate, or brighter (about wood or grey board), the plate's outline is
+# not seen, and prints decide alone. Ground is such if the mean of the outline's steps, those to
+# brighter ground counted as none, is at most the first, at every heading. Then so much of the
+# prints must be seen, with this lead, where at least this share of them is in view. On white
 # concrete and snow nine pads that the outline had refused gave 0.83 at least with leads from 0.79;
 # of 160 other rings on concrete with up to three dark squares about them two pass, both too small
 # for the code to tell.
@@ -194,9 +195,9 @@ class PlateHeading:
     def stands_out(self, image: Image, camera: CameraModel, t: F64, axes: F64) -> bool | None:
         """Tell whether the plate is seen about a ring at one heading more than at others.
 
-        On ground as bright as the plate its prints must be, and no other code be seen there. White
-        on all sides, or ground with bright spots, looks alike at many headings. None: undecided,
-        as the plate may be out of the picture.
+        On ground as bright as the plate, or brighter, its prints must be, and no other code be seen
+        there. White on all sides, or ground with bright spots, looks alike at many headings. None:
+        undecided, as the plate may be out of the picture.
 
         Args:
             image: grey image (height, width).
@@ -222,7 +223,7 @@ class PlateHeading:
     def _of_prints_alone(self, steps: F64, weights: F64) -> int | None:
         """Return the index of the heading at which prints stand out on bright ground; else None."""
         is_plate = self.about.is_plate
-        if _mean(np.abs(steps), weights * is_plate).max() > _EVEN_GROUND:
+        if _mean(np.maximum(steps, 0.0), weights * is_plate).max() > _EVEN_GROUND:
             return None
         of_prints = weights * ~is_plate
         in_view = of_prints.sum(axis=1) > _PRINTS_VIEW * self._weights[~is_plate].sum()

@@ -276,6 +276,23 @@ def test_on_ground_as_bright_as_its_paper_the_pad_is_known_by_its_tags_print() -
     assert not is_seen_on_white(BARE)
 
 
+@pytest.mark.parametrize("distance", [14.0, 15.0])
+def test_on_ground_brighter_than_its_board_the_pad_is_known_by_its_tags_print(
+    distance: float,
+) -> None:
+    """As grey board on sand."""
+
+    def is_seen_on_sand(painted: PadLayout) -> bool:
+        at, rng = view(distance, 0.3), np.random.default_rng(2)
+        board = Optics(background="plain", white=150.0, black=40.0)
+        image = render(at, IDEAL_CAMERA, board, rng, painted)
+        sand = np.clip(225.0 + rng.normal(0.0, 6.0, image.shape), 0.0, 255.0).astype(np.uint8)
+        return is_pad_in(np.where(plate_mask(painted, at, 0.99), image, sand))
+
+    assert is_seen_on_sand(THESIS_PAD)
+    assert not is_seen_on_sand(BARE)
+
+
 @pytest.mark.parametrize("distance", [8.0, 14.0])
 def test_the_plate_is_seen_in_fog(distance: float) -> None:
     """It leaves an eighth of all contrast: grass is nearly as bright as the plate."""
