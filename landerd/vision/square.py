@@ -312,7 +312,7 @@ def _parameters(
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.minMarkerPerimeterRate = perimeter_rate
-    parameters.minDistanceToBorder = 1
+    parameters.minDistanceToBorder = 0
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = means_px
     samples, margin = cell
     parameters.perspectiveRemovePixelPerCell = samples

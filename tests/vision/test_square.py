@@ -80,6 +80,23 @@ def test_tags_of_twelve_pixels_are_found_within_eight_searches_of_a_whole_image(
     assert count >= 8
 
 
+@pytest.mark.parametrize("dictionary", ["APRILTAG_36h11", "4X4_50"])
+@pytest.mark.parametrize(("distance", "beyond_px"), [(3.0, 2.0), (1.5, 4.0)])
+def test_a_square_of_which_the_pictures_edge_cuts_off_the_tip_of_a_corner_is_found(
+    dictionary: str, distance: float, beyond_px: float
+) -> None:
+    square = tag(dictionary, 3, 0.4)
+    x = 0.0
+    for _ in range(8):
+        at = look(IDEAL_CAMERA, distance, 0.3, pixel=(x, 230.0), heading=0.6)
+        x -= beyond_px + float(corners_px(at, square, IDEAL_CAMERA)[:, 0].min())
+    image = render(at, IDEAL_CAMERA, Optics(), np.random.default_rng(1), pad_of(square))
+    vision = Vision(pad_of(square), IDEAL_CAMERA, VisionSection())
+    seen = vision.process(Frame(0.0, 0, image)).pad
+    assert seen
+    assert math.dist(seen[0].position, at.position) < 0.004 * distance
+
+
 def searched_thrice_each_way(square: Square, image: U8) -> bool:
     finder = SquareFinder(pad_of(square))
     return any(finder.find(image) for _ in range(24))
