@@ -487,9 +487,9 @@ MUTANTS = [
     ),
     Mutant(
         "2: commits on a plate whose slope makes its lean too much to stand with",
-        CONTEXT,
-        "lean = angle_between(vehicle.down, pad.normal)",
-        "lean = vehicle.tilt",
+        PHASES,
+        "self._lean = angle_between(self._down, relative.normal)",
+        "self._lean = angle_between(self._down, (0.0, 0.0, 1.0))",
         "guidance/test_landing.py::test_the_lean_that_forbids_a_landing_is_relative_to_the_plate",
     ),
     Mutant(
@@ -1069,6 +1069,14 @@ MUTANTS = [
         "self._lean = angle_between(self._down, relative.normal)",
         "self._lean += dt / LEAN_S * (angle_between(down, relative.normal) - self._lean)",
         "guidance/test_landing.py::test_a_plate_that_is_tilted_just_before_the_touch_is_not_landed_on",
+    ),
+    Mutant(
+        "2: waits for a lull where a foot of a leaning vehicle touches",
+        PHASES,
+        "return max(self._options.alignment_height_m, LEAST_LULL_HEIGHT_M)",
+        "return self._options.alignment_height_m",
+        "guidance/test_landing.py::"
+        "test_leaning_too_far_it_waits_with_clear_feet_also_where_the_alignment_height_is_low",
     ),
     Mutant(
         "2: comes down however far it leans",

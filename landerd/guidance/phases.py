@@ -35,7 +35,10 @@ MIN_DISTANCE_M = 0.01  # nearer to the landing point "outward" has no direction
 # smoothed: with both, a vehicle that leaned by 12 degrees touched a plate that somebody had tilted
 # by 24 degrees 1.3 s before, slid off it at 1.4 m/s and was thrown over by 61 degrees.
 LEAN_S, UPRIGHT = 2.0, math.radians(1.0)
-LEANS_BELOW = 2.0  # alignment heights below which the lean counts: room to end the descent
+# A vehicle that leans too far waits at the alignment height, but at this at least, m, and the lean
+# counts below LEANS_BELOW times that: room to end the descent. At 0.1 m a foot was 3 cm into the
+# plate before the lean was known, at 0.05 m the vehicle landed leaning 33 degrees.
+LEAST_LULL_HEIGHT_M, LEANS_BELOW = 0.5, 2.0
 # Gusts may keep a vehicle out of the region for most of the time. After WIDENS_AFTER_S in DESCENT
 # with a sink rate below WAITS_MPS the region widens, over WIDENS_S, to
 # guidance.descent.widest_k1_m. With 0.12 m on the ground throughout, 2 of 115 days of the field
@@ -135,7 +138,16 @@ class Phases:
         if self.goes_around and self._heading_known and not self.leans:
             return self._options.retry_height_m
         may_land = self._aligned and not self.leans
-        return 0.0 if may_land else self._options.alignment_height_m + ALIGNMENT_MARGIN_M
+        return 0.0 if may_land else self._wait_height_m + ALIGNMENT_MARGIN_M
+
+    @property
+    def _wait_height_m(self) -> float:
+        """Height over the pad to wait at, m: until the heading is right, or leaning, for a lull."""
+        return self._lull_height_m if self.leans else self._options.alignment_height_m
+
+    @property
+    def _lull_height_m(self) -> float:
+        return max(self._options.alignment_height_m, LEAST_LULL_HEIGHT_M)
 
     def watch(self, down: Vec3, relative: RelativeState, dt: float) -> None:
         """Update, in each control step before `step`, the lean and the time spent waiting.
@@ -152,7 +164,7 @@ class Phases:
         self._lean = angle_between(self._down, relative.normal)
         leans = self._lean > self._most_lean - (UPRIGHT if self.leans else 0.0)
         # Higher up the lean may be that of braking.
-        self.leans = leans and relative.height < LEANS_BELOW * self._options.alignment_height_m
+        self.leans = leans and relative.height < LEANS_BELOW * self._lull_height_m
 
     def step(
         self,
@@ -237,7 +249,7 @@ class Phases:
         elif not self._heading_known or self.leans:
             # From higher up the camera sees all markers; the low foot of a leaning vehicle is
             # clear.
-            self.goes_around = relative.height < o.alignment_height_m
+            self.goes_around = relative.height < self._wait_height_m
             self._unfit = ""
         elif relative.height < o.commit_height_m:
             outside = relative.distance > GO_AROUND_RADII * self._radius(relative.height)

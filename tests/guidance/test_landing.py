@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from landerd.config.models import Config, GuidanceSection
+from landerd.config.parameters import with_value
 from landerd.geometry import (
     IDENTITY,
     Vec3,
@@ -187,6 +188,17 @@ def test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then
     assert lowest > config.guidance.descent.alignment_height_m
     assert "landerd: yaw correction: leans too far: 33 degrees" in flight.texts
     assert "landerd: no landing possible: pilot, take over" in flight.texts
+
+
+def test_leaning_too_far_it_waits_with_clear_feet_also_where_the_alignment_height_is_low() -> None:
+    """With 0.1 m a foot touched before the lean was known; with 0.05 it landed leaning so."""
+    flight = Flight(config=with_value(Config(), "guidance.descent.alignment_height_m", 0.05))
+    flight.lean = math.radians(-33.0)
+    flight.engaged()
+    while flight.lander.state is State.TRACKING:
+        flight.tick()
+        assert flight.height > 0.45
+    assert flight.contact_t is None
 
 
 def test_a_narrow_gear_lands_with_less_lean() -> None:
