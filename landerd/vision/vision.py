@@ -2,8 +2,9 @@
 
 What happens to a frame, and which module does it:
 
-1. `expected` tells where the pad should be; `Search` finds the rings and squares there or
-   elsewhere, as often as `search_policy` allows; `WhyCodeFinder` finds the WhyCodes.
+1. `veil` spreads the levels of a picture taken in fog. `expected` tells where the pad should be;
+   `Search` finds the rings and squares there or elsewhere, as often as `search_policy` allows;
+   `WhyCodeFinder` finds the WhyCodes.
 2. Every marker found becomes a candidate: its pose or poses, corrected for a rolling shutter.
 3. As long as no marker with an id of the pad was read, rings may be look-alikes. Those without the
    pad's plate about them, or with another pad's marker beside them, are dropped; the others get the
@@ -52,6 +53,7 @@ from landerd.vision.search import FoundRing, Search
 from landerd.vision.search_policy import ring_only_frames
 from landerd.vision.square import FoundSquare
 from landerd.vision.square_pose import square_points
+from landerd.vision.veil import spread
 from landerd.vision.whycode import FoundCode
 
 # Age up to which the pad's last normal tells the right one of two mirrored poses, s: by then the
@@ -136,7 +138,8 @@ class Vision:
             ValueError: the image is not an 8-bit grey image of the camera's size.
         """
         x0, y0, x1, y1 = self._part
-        image = _checked(frame.image, self._whole)[y0:y1, x0:x1]
+        shown = _checked(frame.image, self._whole)[y0:y1, x0:x1]
+        image = spread(shown)
         prior = prior or Prior()
         expected = expected_pad(frame.t, prior, self._last, self._camera.focal)
         if prior.pad is None and prior.maybe is None:
@@ -187,8 +190,8 @@ class Vision:
             self._was_read = self._was_read or any(c.sighting.id is not None for c in chosen)
             learn(_placed(chosen), self._errors, frame.t, pad[0])
         seen = pad[0] if pad else None
-        shown = self._detectors.light(image, seen, prior.down) if self._meters else None
-        return Sightings(frame.t, frame.seq, markers, pad, shown, other_id=other_id)
+        light = self._detectors.light(shown, seen, prior.down) if self._meters else None
+        return Sightings(frame.t, frame.seq, markers, pad, light, other_id=other_id)
 
     @property
     def was_cut(self) -> bool:
