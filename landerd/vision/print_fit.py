@@ -59,6 +59,10 @@ _SHIFT_BIAS = 0.2  # error of a tone curve's shift of edges, a share of it: no c
 _UNSHARP_BIAS = 0.05
 # Share of the pixels' variance: a fit that explains less is no better than the corners.
 MIN_EXPLAINED = 0.85
+# Errors of light, blur and motion in the model change the difference in chi-square of two poses as
+# much as the pixels do: it counts by one sixth, and less if neighbouring residuals correlate.
+# Gravity decides where that is not enough.
+AMBIGUITY_CHI2 = 6.0
 
 
 @dataclass(frozen=True)
@@ -394,6 +398,25 @@ def _normal_equations(J: F64, residual: F64, tone: F64) -> _NormalEquations:
     matrix += sigma**2 * _PRIOR
     gradient[_TONE] -= sigma**2 * TONE_SIGMA**-2 * tone
     return _NormalEquations(residual, weight, sigma, matrix, gradient)
+
+
+def ranked(fits: list[Fit]) -> list[Pose]:
+    """Return the poses, best first: with cost 0, and for others the excess of chi-square."""
+    fits = sorted(fits, key=per_pixel)
+    best = fits[0]
+    # n residuals with this correlation tell as much as n (1 - c) / (1 + c) independent ones.
+    c = best.correlation
+    unit = AMBIGUITY_CHI2 * best.variance * (1.0 + c) / (1.0 - c)
+    costs = (best.pixels * (per_pixel(f) - per_pixel(best)) / unit for f in fits)
+    return [
+        Pose(f.pose.R, f.pose.t, f.pose.information, cost)
+        for f, cost in zip(fits, costs, strict=True)
+    ]
+
+
+def per_pixel(fit: Fit) -> float:
+    """Return the squared residual per pixel: under another pose a print covers more or fewer."""
+    return fit.squares / fit.pixels
 
 
 def _correlation(equations: _NormalEquations) -> float:

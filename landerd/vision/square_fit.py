@@ -17,7 +17,7 @@ from landerd.pad import Square
 from landerd.vision.arrays import Image
 from landerd.vision.pose import EQUAL_NORMALS_COS, MIN_DEPTH_M, SAME_SOLUTION_COS, Pose
 from landerd.vision.print_edges import EdgeFit, ranked_by_edges
-from landerd.vision.print_fit import MIN_EXPLAINED, Fit, MarkerPrint
+from landerd.vision.print_fit import MIN_EXPLAINED, Fit, MarkerPrint, per_pixel, ranked
 from landerd.vision.square_edges import square_edges
 from landerd.vision.square_pose import planar_poses, poses_from_corners
 
@@ -26,10 +26,6 @@ _MARGIN_CELLS = 2  # width of the white round the print
 _USED_MARGIN_CELLS = 0.9  # width of it that is compared with the image
 
 # ---- two solutions -----------------------------------------------------------------------------
-# Errors of light, blur and motion in the model change the difference in chi-square of two solutions
-# as much as the pixels do: it counts by one sixth, and less if neighbouring residuals correlate.
-# Gravity decides where that is not enough.
-AMBIGUITY_CHI2 = 6.0
 # Largest rms distance of a second solution's corners from those of the first fit: one that is
 # farther off is ruled out without a fit to its pixels.
 _MAX_RIVAL_ERROR_PX = 0.5
@@ -111,8 +107,8 @@ class SquarePrint(MarkerPrint):
             return ranked_by_edges([first, *(f for f in found if f is not None)]), EDGES
         others = (self.fit_rival(image, camera, start, first) for start in rivals)
         fits = [first, *(fit for fit in others if fit is not None)]
-        self.remember(min(fits, key=_per_pixel))
-        return _ranked(fits), GREY
+        self.remember(min(fits, key=per_pixel))
+        return ranked(fits), GREY
 
     def _first(self, image: Image, camera: CameraModel, corners: F64) -> Fit | EdgeFit | None:
         """Return the fit started from the corners; None: only the corners can be used."""
@@ -198,25 +194,6 @@ class SquarePrint(MarkerPrint):
             if float(start.normal @ pose.normal) < EQUAL_NORMALS_COS and error * focal < most_px:
                 rivals.append(start)
         return rivals
-
-
-def _ranked(fits: list[Fit]) -> list[Pose]:
-    """Return the poses, best first: with cost 0, and for others the excess of chi-square."""
-    fits = sorted(fits, key=_per_pixel)
-    best = fits[0]
-    # n residuals with this correlation tell as much as n (1 - c) / (1 + c) independent ones.
-    c = best.correlation
-    unit = AMBIGUITY_CHI2 * best.variance * (1.0 + c) / (1.0 - c)
-    costs = (best.pixels * (_per_pixel(f) - _per_pixel(best)) / unit for f in fits)
-    return [
-        Pose(f.pose.R, f.pose.t, f.pose.information, cost)
-        for f, cost in zip(fits, costs, strict=True)
-    ]
-
-
-def _per_pixel(fit: Fit) -> float:
-    """Return the squared residual per pixel: under another pose a print covers more or fewer."""
-    return fit.squares / fit.pixels
 
 
 def _is_settled_by_gravity(pose: Pose, other: Pose, down: F64) -> bool:

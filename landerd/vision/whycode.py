@@ -35,7 +35,7 @@ from landerd.vision.pose import (
     turned_about_normal,
 )
 from landerd.vision.print_edges import ranked_by_edges
-from landerd.vision.print_fit import MIN_EXPLAINED, Fit
+from landerd.vision.print_fit import MIN_EXPLAINED, Fit, per_pixel, ranked
 from landerd.vision.pyramid import levels
 from landerd.vision.ring_pose import mirrored, poses_through
 from landerd.vision.ring_segment import (
@@ -311,8 +311,8 @@ class WhyCodeFinder:
         fit = None if other is None else printed.fit_rival(image, self._camera, other, first)
         if fit is not None:
             fits.append(fit)
-        printed.remember(min(fits, key=lambda f: f.variance))
-        return _ranked(fits)
+        printed.remember(min(fits, key=per_pixel))
+        return tuple(ranked(fits))
 
     def _by_edges(
         self, image: Image, code: WhyCode, start: Pose, last_normal: Vec3 | None
@@ -477,24 +477,6 @@ def _is_shaded(fit: Fit) -> bool:
     """Tell whether uneven light, which the fit to grey levels does not model, may spoil it."""
     is_even = fit.explained > _EVEN_EXPLAINED or fit.correlation < _SHADED_CORRELATION
     return not is_even and fit.blur < _MOVING_BLUR
-
-
-def _ranked(fits: list[Fit]) -> tuple[Pose, ...]:
-    """Return the poses, best first, with cost 0 for the best and the excess chi-square for others.
-
-    The fits are to slightly different pixels, so their variances are compared, not their sums.
-    """
-    fits = sorted(fits, key=lambda f: f.variance)
-    pixels = fits[0].squares / fits[0].variance
-    return tuple(
-        Pose(
-            f.pose.R,
-            f.pose.t,
-            f.pose.information,
-            pixels * (f.variance / fits[0].variance - 1.0),
-        )
-        for f in fits
-    )
 
 
 def mirrored_pose(pose: Pose, radius: float) -> Pose | None:

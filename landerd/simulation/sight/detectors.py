@@ -33,7 +33,7 @@ from landerd.vision.pose import (
     turned_about_normal,
     vec3,
 )
-from landerd.vision.print_fit import Fit
+from landerd.vision.print_fit import AMBIGUITY_CHI2, Fit
 from landerd.vision.ring_covariance import frontal_inflation
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fit_stages import MAX_TILT_COS, TRACKED_BAND_PX
@@ -42,7 +42,6 @@ from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_work import RingWork
 from landerd.vision.square import MIN_SIDE_PX, FoundSquare
-from landerd.vision.square_fit import AMBIGUITY_CHI2
 from landerd.vision.square_pose import corner_information, planar_poses, square_points
 from landerd.vision.tone import LINEAR
 from landerd.vision.whycode import FoundCode, mirrored_pose
@@ -238,7 +237,7 @@ class ModelledDetectors:
                 other = self._fitted(found.square, sight, start)
                 if other is not None and other.normal @ best.normal < EQUAL_NORMALS_COS:
                     poses.append(other)
-        return _ranked(poses, AMBIGUITY_CHI2), GREY
+        return _ranked(poses), GREY
 
     def find_codes(
         self, image: Image, expected: Expected | None, normal: Vec3 | None
@@ -356,7 +355,7 @@ class ModelledDetectors:
                 other = self._fitted(code, sight, start)
                 if other is not None and other.normal @ sight.pose.normal < EQUAL_NORMALS_COS:
                     poses.append(other)
-        return tuple(_ranked(poses, 1.0))
+        return tuple(_ranked(poses))
 
     # ---- one picture -----------------------------------------------------------------------------
 
@@ -507,10 +506,10 @@ def _holds(window: Window | None, px: F64) -> bool:
     return bool(x0 >= window.x0 and y0 >= window.y0 and x1 < window.x1 and y1 < window.y1)
 
 
-def _ranked(poses: list[Pose], unit: float) -> list[Pose]:
-    """Return poses, best first, with the differences of their costs to the best over `unit`."""
+def _ranked(poses: list[Pose]) -> list[Pose]:
+    """Return poses, best first, with the differences of their costs as `print_fit` counts them."""
     poses = sorted(poses, key=lambda p: p.cost)
-    return [_with_cost(p, (p.cost - poses[0].cost) / unit) for p in poses]
+    return [_with_cost(p, (p.cost - poses[0].cost) / AMBIGUITY_CHI2) for p in poses]
 
 
 def _with_cost(pose: Pose, cost: float) -> Pose:
