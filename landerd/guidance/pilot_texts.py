@@ -10,6 +10,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | a descent is broken off with the pad in sight | WARNING | the reason |
 | the switch must be low first (RC_LATCHED), again after REMIND_S | WARNING | the reason |
 | sight suffices still; again after REMIND_S | WARNING | MANY_REFUSED, LATE_PICTURES |
+| own data are missing for moments, again after REMIND_S | WARNING | NOW_AND_THEN |
 | its climb rate is wrong, again after REMIND_S | WARNING | WRONG_CLIMB_RATE |
 | velocities are not flown as ordered, every `state_flying.UNFOLLOWED_S` | WARNING | UNFOLLOWED |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
@@ -95,6 +96,7 @@ OLD_PICTURES = "pictures come too late"
 NOT_IN_SIGHT = "pad not in sight"
 OTHER_PAD = "another pad, tag {id}, in sight"
 NOT_BELIEVED = "pad seen but not believed"  # it would be elsewhere than where it was
+NOW_AND_THEN = "{why} now and then: link?"
 BLIND = "{why}, {what}"  # one of those above, and what is done about it:
 CLIMBING_AWAY = "climbing away"  # so too when it may not fly on, or the pad is missed
 HOLDING, CLIMBING, SEARCHING = "holding", "climbing", "searching"

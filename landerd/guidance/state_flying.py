@@ -25,6 +25,10 @@ GIVES_WAY_M = 1.0
 # guidance.lost.climb_mps out of reach of a heaving deck. One that hovered 0.3 m over a deck was
 # struck by it.
 BLIND_CLIMB_S = 2.0
+# The pilot is told of moments without own data, each too short to be told, that come to so much, s,
+# with a memory of so long, s. With 2.5 positions a second the vehicle hovered over the pad for 105
+# s, until its time was over, and nobody was told why.
+MOMENTS_S, MOMENTS_MEMORY_S = 0.8, 5.0
 # Time inside the descent region before the descent begins, s: at its edge one picture's error is
 # enough to look inside.
 SETTLED_S = 0.15
@@ -276,6 +280,8 @@ class Searching:
     def __init__(self, context: LandingContext, plan: LostPlan) -> None:
         self._context = context
         self._plan = plan
+        self._moments_s = 0.0  # that came lately without position or attitude; at the next time, s
+        self._moments_t = -math.inf
 
     def enter(self, step: ControlStep) -> None:
         """Begin the plan where the vehicle is."""
@@ -304,5 +310,14 @@ class Searching:
         # The pilot is not told of telemetry that is stale for a moment: the landing goes on.
         if vehicle is not None or not context.goes_on(step.now):
             context.orders.enter(Phase.NOT_LANDING, why)
+        elif self._moment(step) > MOMENTS_S:
+            text = pilot_texts.NOW_AND_THEN.format(why=context.why_blind(step.now))
+            context.orders.say(Severity.WARNING, text, every_s=pilot_texts.REMIND_S)
         context.orders.fly(velocity, 0.0, may_descend=False)
         return None
+
+    def _moment(self, step: ControlStep) -> float:
+        """Add a control step without own data; return for how long there were none lately, s."""
+        kept = math.exp((self._moments_t - step.now) / MOMENTS_MEMORY_S)
+        self._moments_s, self._moments_t = kept * self._moments_s + step.dt, step.now
+        return self._moments_s

@@ -190,6 +190,26 @@ def test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then
     assert "landerd: no landing possible: pilot, take over" in flight.texts
 
 
+@pytest.mark.parametrize(
+    ("kind", "ticks", "text"),
+    [
+        (LocalPosition, 16, "landerd: position is stale now and then: link?"),
+        (Attitude, 12, "landerd: attitude is stale now and then: link?"),
+    ],
+)
+def test_data_that_come_too_seldom_to_land_by_are_told(kind: type, ticks: int, text: str) -> None:
+    """It waited over the pad for 105 s, and handed back because no landing came in time."""
+    flight = Flight().engaged()
+    while flight.height > 2.0:
+        flight.tick()
+    told = len(flight.texts)
+    for tick in range(400):
+        flight.silent = set() if tick % ticks == 0 else {kind}
+        flight.tick()
+    assert flight.contact_t is None
+    assert flight.texts[told:].count(text) == 1
+
+
 def test_leaning_too_far_it_waits_with_clear_feet_also_where_the_alignment_height_is_low() -> None:
     """With 0.1 m a foot touched before the lean was known; with 0.05 it landed leaning so."""
     flight = Flight(config=with_value(Config(), "guidance.descent.alignment_height_m", 0.05))

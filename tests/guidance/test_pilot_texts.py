@@ -56,6 +56,12 @@ def test_a_text_on_a_lost_pad_fits_with_both_its_parts(why: str) -> None:
     assert len(said) <= pilot_texts.MAX_CHARACTERS
 
 
+@pytest.mark.parametrize("source", ["attitude", "position"])
+def test_a_text_on_data_that_come_too_seldom_fits(source: str) -> None:
+    said = line(pilot_texts.NOW_AND_THEN.format(why=pilot_texts.STALE[source]))
+    assert len(said) <= pilot_texts.MAX_CHARACTERS
+
+
 @pytest.mark.parametrize("event", HAND_BACKS)
 def test_a_hand_back_fits_with_its_reason(event: Event) -> None:
     said = line(pilot_texts.HANDED_BACK.format(reason=pilot_texts.REASONS[event]))
