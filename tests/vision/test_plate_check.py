@@ -162,7 +162,7 @@ def is_seen_half_in_shadow(
     return bool(vision.process(Frame(0.0, 0, image)).pad)
 
 
-@pytest.mark.parametrize("distance", [14.0, 15.0])
+@pytest.mark.parametrize("distance", [12.0, 15.0])
 def test_a_shadow_across_the_pad_does_not_hide_its_plate(distance: float) -> None:
     assert is_seen_half_in_shadow(UNREADABLE, distance)
     assert not is_seen_half_in_shadow(BARE, distance)
@@ -174,7 +174,7 @@ def test_a_deep_shadow_that_leaves_the_plates_edge_in_the_sun_does_not_hide_its_
     assert not is_seen_half_in_shadow(BARE, 15.0, deep, noise=1.0)
 
 
-@pytest.mark.parametrize("distance", [14.0, 15.0])
+@pytest.mark.parametrize("distance", [12.0, 15.0])
 def test_a_shadow_does_not_hide_the_plate_of_a_pad_whose_tag_is_faded_away(distance: float) -> None:
     faded = PadLayout(name="faded", markers=(RING,), plate=THESIS_PAD.plate)
     assert is_seen_half_in_shadow(faded, distance)
