@@ -225,6 +225,8 @@ def simulated_camera(
     world: "World",
     seed: int,
     delivered: "Callable[[Frame, Snapshot], None]",
+    *,
+    realtime: bool = False,
 ) -> "SimCamera":
     """Make a camera that sees a simulated world.
 
@@ -235,6 +237,7 @@ def simulated_camera(
         world: what there is to be seen.
         seed: of what is random in the pictures.
         delivered: told of every sound frame, with the truth at its exposure.
+        realtime: whether the loop's clock is that of the machine.
     """
     from hw.sim.picture.camera import SimCamera
     from hw.sim.picture.levels import Sensitivity
@@ -255,7 +258,7 @@ def simulated_camera(
         renderer = NumberedPictures(camera_model, layout.plate, sensitivity)
     else:
         renderer = Renderer(layout, camera_model, options.render, seed, camera, options.pad)
-    return SimCamera(renderer, world.snapshot, camera, delivered, seed)
+    return SimCamera(renderer, world.snapshot, camera, delivered, seed, realtime=realtime)
 
 
 def simulated_gimbal(

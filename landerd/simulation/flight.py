@@ -165,7 +165,13 @@ class Simulation:
         """
         loaded, world, seed = self._loaded, self.world, self._seed
         self.camera = simulated_camera(
-            loaded, self._pad, self._lens, world, seed, self._judge.on_delivered
+            loaded,
+            self._pad,
+            self._lens,
+            world,
+            seed,
+            self._judge.on_delivered,
+            realtime=self._realtime,
         )
         gimbal = simulated_gimbal(loaded, world, seed, autopilot, flown_by, realtime=self._realtime)
         self.gimbal, self.gimbal_model = gimbal.driver, gimbal.model

@@ -5,6 +5,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -86,6 +87,8 @@ class SimCamera:
         options: SimCameraOptions,
         delivered: Callable[[Frame, Snapshot], None] | None = None,
         seed: int = 0,
+        *,
+        realtime: bool = False,
     ) -> None:
         """Make a camera.
 
@@ -95,7 +98,9 @@ class SimCamera:
             options: rate, exposure, latency, and their jitter.
             delivered: called with every valid frame and the truth at its exposure.
             seed: seed of all jitter.
+            realtime: pictures are drawn in a thread; in the event loop they would hold up all else.
         """
+        self._realtime = realtime
         self.faults = CameraFaults()
         self._scenes = [renderer]
         self._truth = truth
@@ -150,7 +155,7 @@ class SimCamera:
                 continue  # the loop was late, and there is a newer frame by now
             if self._misses():
                 continue
-            made = self._on_the_way(self._made(exposed_t))
+            made = self._on_the_way(await self._made(exposed_t))
             if made is not None:
                 return self._deliver(made)
 
@@ -166,13 +171,13 @@ class SimCamera:
             return True
         return self._timing.drops()
 
-    def _made(self, exposed_t: float) -> "_Made":
+    async def _made(self, exposed_t: float) -> "_Made":
         faults, last = self.faults, self._last
         if faults.frozen and last is not None:
             return _Made(last, None)
         if faults.frozen_fresh and last is not None:
             return _Made(Frame(self._stamp(exposed_t), self._seq, last.image), None)
-        return self._expose(exposed_t)
+        return await self._expose(exposed_t)
 
     def _on_the_way(self, made: "_Made") -> "_Made | None":
         """Send a picture on its way; return the one that arrives now; None: none does."""
@@ -232,14 +237,15 @@ class SimCamera:
             offset_s += float(faults.random.uniform(-faults.time_jumps_s, faults.time_jumps_s))
         return t + offset_s + faults.time_ahead_s
 
-    def _expose(self, t: float) -> "_Made":
+    async def _expose(self, t: float) -> "_Made":
         exposure = self._exposure(t)
         half = 0.5 * exposure.time_s
         start, middle, end = (self._truth(at) for at in (t - half, t, t + half))
         if self.faults.pad_covered:
             middle = replace(middle, pad=_NO_PAD)
             start, end = replace(start, pad=_NO_PAD), replace(end, pad=_NO_PAD)
-        image = self.pictures.render(
+        render = partial(
+            self.pictures.render,
             self._seq,
             _beside_pad(start, middle),
             _beside_pad(end, middle),
@@ -248,6 +254,7 @@ class SimCamera:
             exposure,
             self._readout(middle, exposure),
         )
+        image = await asyncio.to_thread(render) if self._realtime else render()
         if self._auto is not None:
             self._auto.see(self.pictures.brightness(image), t)
         faults = self.faults

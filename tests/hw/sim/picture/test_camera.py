@@ -2,9 +2,10 @@
 
 import asyncio
 import math
+import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -36,7 +37,7 @@ from landerd.geometry import (
 from landerd.messages import ExposureOrder, Frame
 from landerd.pad import PadLayout, load_pad
 from landerd.ports import DeviceLost
-from landerd.runtime.clock import run_virtual
+from landerd.runtime.clock import run_realtime, run_virtual
 
 CONFIG = Path(__file__).parents[4] / "config"
 CAMERA = load_camera(CONFIG / "cameras/thesis.yaml")
@@ -332,6 +333,28 @@ def with_camera(
         await camera.close()
 
     run_virtual(main())
+
+
+def test_in_real_time_a_picture_is_drawn_while_everything_else_goes_on(clean: Renderer) -> None:
+    """Drawn in the event loop pictures delayed set-points by up to 90 ms."""
+    others_went_on = threading.Event()
+
+    class Slow:
+        def render(self, *shot: Any) -> U8:
+            assert others_went_on.wait(10.0)
+            return clean.render(*shot)
+
+        def brightness(self, image: U8) -> float:
+            return clean.brightness(image)
+
+    async def main() -> Frame:
+        camera = SimCamera(Slow(), hovering, OPTIONS, seed=1, realtime=True)
+        await camera.open()
+        coming = asyncio.ensure_future(camera.newest())
+        asyncio.get_running_loop().call_later(0.2, others_went_on.set)
+        return await coming
+
+    assert run_realtime(main()).seq > 0
 
 
 def test_frames_come_at_their_rate_late_and_stamped_at_exposure(clean: Renderer) -> None:
