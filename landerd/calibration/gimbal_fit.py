@@ -23,6 +23,7 @@ from landerd.geometry import (
     cross,
     dot,
     matmul,
+    matmul_transposed,
     norm,
     rot_zxy,
     rot_zyx,
@@ -275,7 +276,7 @@ def R_camera_pad(pad: PoseSolution) -> Mat3:  # noqa: N802 - the frames' notatio
 
 def turn_between(before: PoseSolution, after: PoseSolution) -> Vec3:
     """Return how the camera turned from one view to the next: axis times angle (rad), its frame."""
-    return rotation_vector(matmul(R_camera_pad(before), transpose(R_camera_pad(after))))
+    return rotation_vector(matmul_transposed(R_camera_pad(before), R_camera_pad(after)))
 
 
 def _column(R: Mat3, i: int) -> Vec3:

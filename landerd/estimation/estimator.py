@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Literal
 
 from landerd.config.models import Config
@@ -69,7 +69,8 @@ class Estimator:
         self._gimbal_from_autopilot = False  # its angles come over the autopilot's link
         # A control step asks for both at the same time again and again.
         self._pad_at = lru_cache(maxsize=1)(self._filter.estimate)
-        self._vehicle_at = lru_cache(maxsize=1)(self._newest_vehicle)
+        newest_vehicle = partial(vehicle_state, self.poses, self._vehicle)
+        self._vehicle_at = lru_cache(maxsize=1)(newest_vehicle)
 
     # ---- inputs --------------------------------------------------------------------------------
 
@@ -190,9 +191,6 @@ class Estimator:
     def vehicle(self, now: float) -> VehicleState | None:
         """Return the vehicle from its newest telemetry, however old; None without any."""
         return self._vehicle_at(now)
-
-    def _newest_vehicle(self, now: float) -> VehicleState | None:
-        return vehicle_state(self.poses, self._vehicle, now)
 
     def fresh_vehicle(self, now: float) -> VehicleState | None:
         """Return the vehicle, None where position or attitude is too old to be flown on."""

@@ -7,7 +7,15 @@ from random import Random
 
 from hw.sim.options import SimGimbalOptions
 from hw.sim.physics.world import World
-from landerd.geometry import Mat3, Vec3, angles_zxy, camera_mount, matmul, rot_zxy, transpose
+from landerd.geometry import (
+    Mat3,
+    Vec3,
+    angles_zxy,
+    camera_mount,
+    matmul,
+    matmul_transposed,
+    rot_zxy,
+)
 from landerd.messages import Reference
 
 
@@ -81,7 +89,7 @@ class SimMount:
             camera_mount(camera_rotation_deg),
         )
         is_so = matmul(rot_zxy(0.0, 0.0, -0.5 * math.pi), self.plant.R_gimbal_camera)
-        R = matmul(said, transpose(is_so))
+        R = matmul_transposed(said, is_so)
         return math.atan2(R[1][0], R[0][0])
 
     def advance(self) -> None:
@@ -121,7 +129,7 @@ class SimMount:
         world, plant = self._world, self.plant
         self.measured_t = world.t - back_s
         R_local_camera = world.snapshot(world.t - back_s).camera.R_local_camera
-        R_local_gimbal = matmul(R_local_camera, transpose(plant.R_gimbal_camera))
+        R_local_gimbal = matmul_transposed(R_local_camera, plant.R_gimbal_camera)
         return world.t, R_local_gimbal, world.vehicle.velocity
 
     def bolt(self, yaw: float, pitch: float) -> None:
