@@ -281,3 +281,12 @@ def heading_of(v: Vec3) -> float:
 def horizontal(v: Vec3) -> float:
     """Return the length of v's horizontal part (x, y)."""
     return math.hypot(v[0], v[1])
+
+
+def horizontal_sigma(covariance: Mat3) -> float:
+    """Return the standard deviation in the horizontal direction in which it is largest.
+
+    That is the root of the larger eigenvalue of the (x, y) block: the same whichever way x points.
+    """
+    (xx, xy, _), (_, yy, _), _ = covariance
+    return math.sqrt(max(0.0, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)))

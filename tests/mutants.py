@@ -442,6 +442,21 @@ MUTANTS = [
         "guidance/test_phases.py::test_the_higher_it_commits_the_younger_the_last_sighting_must_be",
     ),
     Mutant(
+        "descent region: a vehicle that leaves it to the east sinks on",
+        PHASES,
+        "north * v_north + east * v_east",
+        "north * v_north - east * v_east",
+        "guidance/test_phases.py"
+        "::test_a_vehicle_carried_out_of_the_region_stops_sinking_before_it_is_out",
+    ),
+    Mutant(
+        "an error to the north-east counts less than one to the north",
+        "landerd/geometry.py",
+        "math.hypot(0.5 * (xx - yy), xy)",
+        "abs(0.5 * (xx - yy))",
+        "test_turned_north.py::test_a_flight_that_is_turned_and_moved_gets_the_same_orders",
+    ),
+    Mutant(
         "2: sinks on where sight is too old to commit",
         FLYING,
         "is_blind = phases.is_blind(relative, sight.age)",

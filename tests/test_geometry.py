@@ -10,7 +10,9 @@ from landerd.geometry import (
     Mat3,
     Vec3,
     angles_zxy,
+    diagonal,
     heading_of,
+    horizontal_sigma,
     inverse,
     is_finite,
     matadd,
@@ -189,3 +191,9 @@ def test_a_product_with_a_transpose_is_the_product_with_what_was_transposed(
 def test_a_difference_and_what_was_subtracted_make_the_whole(a: Mat3, b: Mat3) -> None:
     whole = matadd(matsub(a, b), b)
     assert all(close(got, row, 1e-9) for got, row in zip(whole, a, strict=True))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 45.0, 90.0, 200.0])
+def test_the_largest_horizontal_sigma_does_not_depend_on_the_axes(degrees: float) -> None:
+    covariance = rotate_covariance(rot_z(math.radians(degrees)), diagonal(9.0, 1.0, 25.0))
+    assert horizontal_sigma(covariance) == pytest.approx(3.0)

@@ -25,6 +25,7 @@ from landerd.geometry import (
     add,
     diagonal,
     dot,
+    horizontal_sigma,
     inverse,
     matadd,
     matmul,
@@ -148,10 +149,10 @@ class MotionFilter:
         self._Ppb, self._Ppg = matscale(by_b, -1.0), matscale(by_g, -1.0)
         self._coupling = TurnCoupling()
 
-    def sigma_velocity(self, dt: float) -> Vec3:
-        """Return the velocity's standard deviations along the axes, dt (s) after `t`, m/s."""
-        P, (x, y, z) = self.Pvv, scale(self.q, dt)
-        return (math.sqrt(P[0][0] + x), math.sqrt(P[1][1] + y), math.sqrt(P[2][2] + z))
+    def sigma_velocity(self, dt: float) -> tuple[float, float]:
+        """Return the velocity's sigma, horizontal (the largest) and vertical, dt (s) after `t`."""
+        P = matadd(self.Pvv, diagonal(*scale(self.q, dt)))
+        return horizontal_sigma(P), math.sqrt(P[2][2])
 
     @property
     def coupling(self) -> float:

@@ -30,6 +30,7 @@ from landerd.geometry import (
     Vec3,
     add,
     diagonal,
+    horizontal_sigma,
     matadd,
     matscale,
     norm,
@@ -84,7 +85,8 @@ class PadEstimate:
     position: Vec3  # landing point, m
     velocity: Vec3  # m/s
     covariance: Mat3  # of position, m^2
-    sigma_velocity: Vec3  # m/s
+    sigma_velocity: float  # of its horizontal part, m/s
+    sigma_heave: float  # of its vertical part, m/s
     heading: float | None  # rad; None: not known well enough
     sigma_heading: float  # rad
     turn_rate: float  # of the heading, rad/s; 0 without heading
@@ -97,9 +99,8 @@ class PadEstimate:
 
     @property
     def sigma_m(self) -> float:
-        """Root of the largest variance along an axis, m."""
-        c = self.covariance
-        return math.sqrt(max(c[0][0], c[1][1], c[2][2]))
+        """Largest sigma of the position, horizontal or vertical, m."""
+        return max(horizontal_sigma(self.covariance), math.sqrt(self.covariance[2][2]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,12 +282,14 @@ class PadFilter:
         position, velocity, covariance = self._motion.at(max(0.0, now - self._motion.t))
         heading, sigma_heading = self._heading.at(now) if self._heading.known else (0.0, math.inf)
         known = sigma_heading < MAX_SIGMA_HEADING
+        sigma_velocity, sigma_heave = self._motion.sigma_velocity(max(0.0, now - self._motion.t))
         return PadEstimate(
             t=now,
             position=position,
             velocity=velocity,
             covariance=covariance,
-            sigma_velocity=self._motion.sigma_velocity(max(0.0, now - self._motion.t)),
+            sigma_velocity=sigma_velocity,
+            sigma_heave=sigma_heave,
             heading=heading if known else None,
             sigma_heading=sigma_heading,
             turn_rate=self._heading.sure_turn_rate if known else 0.0,
@@ -368,7 +371,7 @@ class PadFilter:
     def _gate(self, innovation: Innovation) -> float:
         """Return the gate's largest radius for an innovation with this covariance, m."""
         S = innovation.S
-        return math.sqrt(self._nis_limit * max(S[0][0], S[1][1], S[2][2]))
+        return math.sqrt(self._nis_limit) * max(horizontal_sigma(S), math.sqrt(S[2][2]))
 
     def _is_step(self, t: float, step: Vec3) -> bool:
         return norm(step) < MAX_STEP_M and t - self._stepped_t > STEP_GAP_S

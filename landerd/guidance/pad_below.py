@@ -103,7 +103,7 @@ class PadBelow:
         pad = self._estimator.pad(now)
         if pad is None or self._estimator.sight_age(now) > self._options.lost.after_s:
             return 0.0, self._fastest_heave
-        return pad.velocity[2], pad.sigma_velocity[2]
+        return pad.velocity[2], pad.sigma_heave
 
     def down(self, now: float) -> float:
         """Return local z of the pad, m; out of sight, the lowest that it may be by now.

@@ -6,7 +6,17 @@ from functools import cached_property
 
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3, dot, horizontal, norm, rot_z, rotate, sub, wrap
+from landerd.geometry import (
+    Vec3,
+    dot,
+    horizontal,
+    horizontal_sigma,
+    norm,
+    rot_z,
+    rotate,
+    sub,
+    wrap,
+)
 
 # Distance from the landing point up to which the pad's tilt counts in the height, m. The plane of a
 # pad tilted by 10 degrees lies 5 m lower 30 m away: there a vehicle took itself to be in the
@@ -58,14 +68,14 @@ class RelativeState:
             error_rate=sub(pad.velocity, vehicle.velocity),
             pad_velocity=pad.velocity,
             sigma_m=math.hypot(
-                math.sqrt(max(c[0][0], c[1][1])), sigma_bearing * norm(error), CAMERA_PLACE_SIGMA_M
+                horizontal_sigma(c), sigma_bearing * norm(error), CAMERA_PLACE_SIGMA_M
             ),
             heading_error=wrap(pad.heading - vehicle.yaw) if pad.heading is not None else None,
             yaw_rate=vehicle.yaw_rate,
             pad_turn_rate=pad.turn_rate,
             pad_coupling=pad.coupling,
-            sigma_heave=pad.sigma_velocity[2],
-            sigma_velocity=max(pad.sigma_velocity[:2]),
+            sigma_heave=pad.sigma_heave,
+            sigma_velocity=pad.sigma_velocity,
             normal=pad.normal,
             sigma_height=math.hypot(
                 math.sqrt(max(c[2][2], 0.0)), sigma_bearing * horizontal(error)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from landerd.config.models import DescentSection
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, rot_z, rotate, scale
 from landerd.guidance.phases import Phases, descent_radius, region_height
 from landerd.messages import Phase
 from tests.guidance.situations import situation
@@ -51,11 +51,20 @@ def test_over_a_pad_that_is_not_known_well_enough_to_descend_the_pilot_is_told_s
     assert "away" in p.step(situation(0.05, 14.0, sigma_m=0.05))[1]
 
 
-def test_a_vehicle_carried_out_of_the_region_stops_sinking_before_it_is_out() -> None:
-    inside = 0.8 * descent_radius(OPTIONS, 1.0)
-    assert phases().may_descend(situation(inside, 1.0))
-    assert not phases().may_descend(situation(inside, 1.0, rate=(0.4, 0.0, 0.0)))
-    assert phases().may_descend(situation(inside, 1.0, rate=(-0.4, 0.0, 0.0)))
+@pytest.mark.parametrize("bearing_deg", [0.0, 90.0, 180.0, 225.0])
+def test_a_vehicle_carried_out_of_the_region_stops_sinking_before_it_is_out(
+    bearing_deg: float,
+) -> None:
+    to_pad = rotate(rot_z(math.radians(bearing_deg)), (1.0, 0.0, 0.0))
+
+    def may_descend(opens_mps: float) -> bool:
+        north, east, _ = scale(to_pad, 0.8 * descent_radius(OPTIONS, 1.0))
+        rate = scale(to_pad, opens_mps)
+        return phases().may_descend(situation(error=(north, east, 1.0), rate=rate))
+
+    assert may_descend(0.0)
+    assert not may_descend(0.4)
+    assert may_descend(-0.4)
 
 
 def flown(p: Phases, seconds: float, *, sinks_mps: float) -> None:
