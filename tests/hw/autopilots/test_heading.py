@@ -52,8 +52,10 @@ def test_a_heading_that_begins_anew_is_taken_when_it_stays() -> None:
     assert heading.at(2.0) == pytest.approx(0.52)
 
 
-def test_spikes_of_the_heading_are_not_flown_on() -> None:
+@pytest.mark.parametrize("samples", [1, 3])
+def test_spikes_of_the_heading_are_not_flown_on(samples: int) -> None:
     heading = Heading()
     for i in range(50):
-        heading.measured(0.02 * i, 0.9 if i % 3 == 2 else 0.1, 0.0)
+        is_spike = i % (2 * samples + 1) > samples
+        heading.measured(0.02 * i, 0.9 if is_spike else 0.1, 0.0)
         assert heading.at(0.02 * i) == pytest.approx(0.1)

@@ -88,6 +88,14 @@ def test_lost_messages_are_counted_across_the_wrap_of_the_sequence() -> None:
     assert codec.counters["messages lost"] == 11
 
 
+def test_what_was_sent_while_the_link_was_closed_is_not_called_lost() -> None:
+    codec, sent = MavlinkCodec(255, 190), frames(40)
+    codec.decode(sent[0] + sent[1][:5])
+    codec.reset()
+    assert boot_times(codec.decode(sent[30] + sent[31])) == [30, 31]
+    assert codec.counters["messages lost"] == codec.counters["garbled bytes"] == 0
+
+
 @examples(300)
 @given(st.lists(st.binary(max_size=300), max_size=8))
 def test_random_bytes_never_raise(chunks: list[bytes]) -> None:
