@@ -60,11 +60,11 @@ def test_in_body_ned_the_vehicle_flies_the_same_way() -> None:
     async def scene(f: Flight) -> None:
         await f.client.mode(GUIDED)
         messages = sent(f)
-        f.driver.fly(Setpoint((1.0, -2.0, 0.5), 0.0))
+        f.driver.fly(Setpoint((1.5, -2.0, 0.5), 0.0))
         assert messages[-1].coordinate_frame == 8
-        assert (messages[-1].vx, messages[-1].vy) != pytest.approx((1.0, -2.0), abs=0.1)
+        assert (messages[-1].vx, messages[-1].vy) != pytest.approx((1.5, -2.0), abs=0.1)
         await asyncio.sleep(0.02)
-        assert f.airframe.velocity == pytest.approx((1.0, -2.0, 0.5), abs=1e-3)
+        assert f.airframe.velocity == pytest.approx((1.5, -2.0, 0.5), abs=1e-3)
 
     fly(scene, lambda: Flight(PlainAirframe(yaw=0.7), setpoint_frame="body_ned"))
 
