@@ -31,8 +31,9 @@ _RAYS = 64
 _SAMPLES = 25  # grey levels across an edge, on each ray
 _ANGLES = np.arange(_RAYS) * (2.0 * math.pi / _RAYS)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
-# Reach of the bands across the edges into black and into white, in radii: half of the stroke, and
-# less than the thesis's margin. In the last rounds they are reduced to this into the white, px.
+# Reach of the bands across the edges into black and into white, in radii: half of the thesis's
+# stroke, and less than its margin; of a thinner stroke half. In the last rounds they are reduced to
+# this into the white, px.
 _INTO_BLACK, _INTO_WHITE = 0.27, 0.2
 _FINE_PX = 4.0
 _COARSE_ROUNDS, _FINE_ROUNDS = 1, 2  # a round looks for edges about a pose and fits it to them
@@ -224,7 +225,8 @@ def _edges(
 ) -> _Edges | None:
     """Return the edges in the image about a pose, within a share `reach` of the bands."""
     R, r = ring.radius_m, ring.radius_m * ring.inner_ratio
-    along = np.linspace(-_INTO_BLACK, _INTO_WHITE, _SAMPLES) * (reach * R)
+    into_black = min(reach * _INTO_BLACK, 0.5 * (1.0 - ring.inner_ratio))
+    along = np.linspace(-into_black, reach * _INTO_WHITE, _SAMPLES) * R
     sampled = _sampled(image, camera, ring, pose, np.stack([R + along, r - along]))
     if sampled is None:
         return None

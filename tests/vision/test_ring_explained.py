@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from landerd.pad import PadLayout
+from landerd.pad import PadLayout, Ring
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.whycon import find_rings, track_ring
 from tests.vision import scenes
@@ -44,9 +44,9 @@ def picture(level: NDArray[np.float64], noise: float = 3.0) -> U8:
     ).astype(np.uint8)
 
 
-def check(image: U8, view: scenes.View, share: float) -> str:
+def check(image: U8, view: scenes.View, share: float, ring: Ring = RING) -> str:
     """Ask for one ring within a share of the range and within its sigma; return its stage."""
-    found = find_rings(image, RING, CAMERA)
+    found = find_rings(image, ring, CAMERA)
     assert len(found) == 1
     pose = found[0].solutions[0]
     error = np.array(pose.position) - view.position
@@ -61,6 +61,15 @@ def test_a_ring_behind_gamma_and_jpeg_is_seen(distance: float) -> None:
     image = picture((0.85 * light(view)) ** (1.0 / 2.2))
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])[1]
     assert check(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), view, 0.003) == "grey"  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("ratio", [0.2, 0.8, 0.86])
+@pytest.mark.parametrize("distance", [2.0, 5.0, 9.0])
+def test_a_ring_of_any_stroke_behind_gamma_is_seen(ratio: float, distance: float) -> None:
+    ring = RING.model_copy(update={"inner_ratio": ratio})
+    view = seen(distance, 20.0)
+    levels = light(view, layout=scenes.alone(ring))
+    assert check(picture((0.85 * levels) ** (1.0 / 2.2)), view, 0.003, ring) == "grey"
 
 
 def sharpened(view: scenes.View) -> U8:
