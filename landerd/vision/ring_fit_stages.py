@@ -155,7 +155,13 @@ def response_fits(image: U8, camera: CameraModel, ring: Ring, plain: RingFit) ->
     """
     starts = _with_mirror((plain.position, plain.normal), ring)
     band = max(_FULL_BAND_PX, _BAND_BLURS * plain.blur_px)
-    return _fits(image, camera, ring, starts, band, _RESPONSE, plain.blur_px, LINEAR_RESPONSE)
+    fits = _fits(image, camera, ring, starts, band, _RESPONSE, plain.blur_px, LINEAR_RESPONSE)
+    if len(fits) < 2:
+        return fits
+    # Each pose has found a response of its own, but there is one camera: both start from that of
+    # the better one, or a descent that ended halfway would decide between them.
+    starts, best = [(f.position, f.normal) for f in fits], fits[0]
+    return _fits(image, camera, ring, starts, band, _RESPONSE, best.blur_px, best.response)
 
 
 def expected_poses(ring: Ring, expected: CirclePose, down: Vec3 | None) -> list[CirclePose]:

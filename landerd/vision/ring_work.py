@@ -17,7 +17,7 @@ from landerd.vision.arrays import U8
 
 # Costs in units of a rough fit, from their measured times. First those of the stages of a ring's
 # fit: rough, full, behind a response, to edges, and with shadow and motion.
-ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 2, 3, 6
+ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 4, 3, 6
 # Limit for a frame. Half of it may be spent on telling which candidates are worth more.
 _FRAME_COST = 14
 # Limits for an image that gets one of the parts for textured images, where labelling takes half of

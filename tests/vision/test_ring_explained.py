@@ -72,6 +72,17 @@ def test_a_ring_of_any_stroke_behind_gamma_is_seen(ratio: float, distance: float
     assert check(picture((0.85 * levels) ** (1.0 / 2.2)), view, 0.003, ring) == "grey"
 
 
+@pytest.mark.parametrize("seed", [8, 13, 20, 29])
+def test_behind_a_tone_curve_the_mirrored_pose_is_judged_by_the_same_response(seed: int) -> None:
+    view = scenes.look(CAMERA, 17.0, math.radians(18.0), pixel=(314.0, 244.0), tilt_towards=2.0)
+    noise = np.random.default_rng(seed).normal(0.0, 0.01, (480, 640))
+    level = np.clip(0.78 * light(view, blur_px=0.8) + noise, 0.003, 1.0)
+    image = picture(1.055 * level ** (1.0 / 2.4) - 0.055, noise=0.0)
+    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 84])[1]
+    found = find_rings(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), RING, CAMERA)  # type: ignore[arg-type]
+    assert np.dot(found[0].solutions[0].normal, view.normal) > math.cos(math.radians(5.0))
+
+
 def sharpened(view: scenes.View) -> U8:
     """Return a view as an ISP makes it: sRGB under an S-curve, an unsharp mask, noise before."""
     linear = 0.6 * light(view) + np.random.default_rng(3).normal(0.0, 0.008, (480, 640))
