@@ -21,7 +21,10 @@ _SMALLEST_SIDE_PX = 8  # of a level
 # Diameter of the largest rings that are looked for in a level, px: in the finest one the second, in
 # the others but the coarsest the first. The next coarser level shows larger ones well, and the
 # finest one takes three quarters of the time.
-_LARGEST_PX, SMALL_PX = 40.0, 24.0
+_LARGEST_PX, _SMALL_PX = 40.0, 24.0
+# All these sizes are those of rings whose stroke is this share of the radius, or wider. Those of a
+# thinner one grow as that shrinks: what matters is how many pixels wide it is.
+_STROKE = 0.5
 # An image is blank if within no square of this side, px of the image halved, grey levels differ by
 # this much. Rings of less than 12 grey levels are refused, and squares of less than 14 are not
 # detected. The faintest of 1500 pictures of pads, in all kinds of light, has 22; clear sky 0 to 8.
@@ -57,7 +60,11 @@ class Level:
 
 
 def levels(
-    image: U8, camera: CameraModel, window: Window | None, expected_px: float | None
+    image: U8,
+    camera: CameraModel,
+    window: Window | None,
+    expected_px: float | None,
+    stroke: float = _STROKE,
 ) -> list[Level]:
     """Return the levels of the part to search, the coarsest first.
 
@@ -66,14 +73,17 @@ def levels(
         camera: that took it.
         window: the part to search; None: all of it.
         expected_px: diameter of the ring, if it is known: then there is one level only.
+        stroke: width of the ring's black over its radius.
     """
+    larger = max(1.0, _STROKE / stroke)
     h, w = image.shape
     part = Window(0, 0, w, h) if window is None else window.within(w, h)
     crop = image[part.y0 : part.y1, part.x0 : part.x1]
     size = max(crop.shape)
     if expected_px is not None:
         # Small rings are looked for in an enlarged window: their holes are few pixels wide.
-        halvings = [max(-1, round(math.log2(max(expected_px, 1.0) / _SEARCH_DIAMETER_PX)))]
+        shown_px = larger * _SEARCH_DIAMETER_PX
+        halvings = [max(-1, round(math.log2(max(expected_px, 1.0) / shown_px)))]
     else:
         coarsest = max(0, math.ceil(math.log2(max(size, 1) / _COARSEST_PX)))
         halvings = list(range(coarsest + 1))
@@ -84,7 +94,8 @@ def levels(
         if min(small_h, small_w) < _SMALLEST_SIDE_PX:
             break
         seeing = camera.seeing(part).resized(small_w, small_h, 1.0 / k)
-        largest_px = math.inf if n == halvings[-1] else _LARGEST_PX if n > 0 else SMALL_PX
+        largest_px = larger * (_LARGEST_PX if n > 0 else _SMALL_PX)
+        largest_px = math.inf if n == halvings[-1] else largest_px
         made.append(Level(made[-1] if made else crop, seeing, (part.x0, part.y0), k, largest_px))
     return made[::-1]
 

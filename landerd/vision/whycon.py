@@ -19,7 +19,7 @@ from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
 from landerd.vision.arrays import U8
-from landerd.vision.pyramid import SMALL_PX, Level, levels
+from landerd.vision.pyramid import Level, levels
 from landerd.vision.ring_explained import Vouches, edge_fits
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fit_stages import TRACKED_BAND_PX, expected_poses, is_off_cut, tracked_fits
@@ -88,7 +88,7 @@ def find_rings(
     work.begin()
     response = response or CameraResponse()
     search = RingSearch(image, ring, camera, down, work, response, beside or Beside())
-    parts = levels(image, camera, window, expected_diameter_px)
+    parts = levels(image, camera, window, expected_diameter_px, 1.0 - ring.inner_ratio)
     is_whole = thorough and window is None
     for small in parts[1:2]:  # a small window has none
         work.follow(small.image, small.reduction)
@@ -162,12 +162,12 @@ def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, 
 
 def _coarse(parts: list[Level]) -> list[Level]:
     """Return the levels between the coarsest and the finest."""
-    return [level for level in parts[1:] if level.largest_px > SMALL_PX]
+    return [level for level in parts[1:] if level.reduction > 1.0]
 
 
 def _finest(parts: list[Level]) -> list[tuple[Level, Segmentation]]:
     """Return the level at the image's own size with its segmentation, unless it is the only one."""
-    return [_look(level) for level in parts[1:] if level.largest_px <= SMALL_PX]
+    return [_look(level) for level in parts[1:] if level.reduction == 1.0]
 
 
 def _look(level: Level) -> tuple[Level, Segmentation]:

@@ -83,6 +83,17 @@ def test_behind_a_tone_curve_the_mirrored_pose_is_judged_by_the_same_response(se
     assert np.dot(found[0].solutions[0].normal, view.normal) > math.cos(math.radians(5.0))
 
 
+@pytest.mark.parametrize("distance", [1.8, 2.2, 4.5, 9.0])
+def test_a_ring_with_a_thin_stroke_is_seen_at_any_size(distance: float) -> None:
+    ring = RING.model_copy(update={"inner_ratio": 0.89})
+    camera = CAMERA.scaled(1280, 960)
+    view = scenes.look(camera, distance, math.radians(20.0), pixel=(640.0, 500.0), tilt_towards=1.0)
+    optics = scenes.Optics(white=WHITE, black=0.12 * WHITE, noise=3.0, blur_px=0.9)
+    image = scenes.render(view, camera, optics, np.random.default_rng(2), scenes.alone(ring))
+    (found,) = find_rings(image, ring, camera)
+    assert found.solutions[0].position == pytest.approx(view.position, abs=0.002 * distance)
+
+
 def sharpened(view: scenes.View) -> U8:
     """Return a view as an ISP makes it: sRGB under an S-curve, an unsharp mask, noise before."""
     linear = 0.6 * light(view) + np.random.default_rng(3).normal(0.0, 0.008, (480, 640))
