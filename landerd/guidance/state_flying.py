@@ -62,6 +62,7 @@ class Tracking:
         self._method = method
         # Last time that the landing waited neither for the pad's heading nor for a lull, s.
         self._heading_t = 0.0
+        self._waits_t = 0.0  # last time that it did not wait to descend, or told why, s
         self._holds = False  # where the pilot asked to, and he was told
         self._outside_t = -math.inf  # last time outside the descent region, s
         self._seen_from = 0.0  # since when the pad has been in sight without a break, s
@@ -80,7 +81,7 @@ class Tracking:
             # A vehicle that stands does not climb: velocity noise taken for a climb lifted one.
             down = max(down, 0.0) if context.stands(step.now) else down
             context.orders.go_on_from((north, east, down))
-        self._heading_t = self._seen_from = self._followed_t = step.now
+        self._heading_t = self._waits_t = self._seen_from = self._followed_t = step.now
         self._holds = False
         context.attempts.begin(step.now)
         context.attempts.outcome = None
@@ -209,6 +210,8 @@ class Tracking:
         if not context.hold_asked:
             context.attempts.begin(step.now)
         waits = phase is Phase.YAW_CORRECTION and not context.hold_asked
+        near = phase is Phase.CLOSE_APPROACH and not context.hold_asked
+        self._tell_of_wait(step.now, why if near or waits else "")
         if not waits or (relative.heading_error is not None and not phases.leans):
             self._heading_t = step.now
         elif step.now - self._heading_t > context.options.lost.give_up_s:
@@ -242,6 +245,14 @@ class Tracking:
             self._held_m = sight.relative.height
             context.break_off()
         return True
+
+    def _tell_of_wait(self, now: float, why: str) -> None:
+        """Remind the pilot why the vehicle waits over the pad; "": it does not."""
+        if not why:
+            self._waits_t = now
+        elif now - self._waits_t > pilot_texts.REMIND_S:
+            self._context.orders.say(Severity.WARNING, why)
+            self._waits_t = now  # as the figures change `say` would repeat it at once
 
     def _tell_of_hold(self, phase: Phase, relative: RelativeState) -> None:
         """Tell the pilot, once, that the vehicle holds where he asked and waits for him."""

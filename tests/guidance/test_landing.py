@@ -1,5 +1,6 @@
 """The states of a landing in flight: each event of the table, and the orders in each state."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -188,6 +189,21 @@ def test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then
     assert lowest > config.guidance.descent.alignment_height_m
     assert "landerd: yaw correction: leans too far: 33 degrees" in flight.texts
     assert "landerd: no landing possible: pilot, take over" in flight.texts
+
+
+def test_why_it_waits_over_the_pad_is_told_again_every_ten_seconds() -> None:
+    """A vehicle that did not turn hovered until its time was over, and said why once."""
+    flight = Flight()
+    flight.engaged()
+    told: list[float] = []
+    while flight.t < 170.0 and flight.lander.state is State.TRACKING:
+        flight.order = replace(flight.order, yaw_rate=0.0)
+        said = len(flight.texts)
+        flight.tick()
+        told += [flight.t for text in flight.texts[said:] if "heading 25 degrees off" in text]
+    assert flight.height > flight.config.guidance.descent.alignment_height_m
+    assert len(told) > 5
+    assert all(7.0 < later - t < 11.0 for t, later in itertools.pairwise(told))
 
 
 @pytest.mark.parametrize(
