@@ -29,6 +29,9 @@ _USED_MARGIN_CELLS = 0.9  # width of it that is compared with the image
 # Largest rms distance of a second solution's corners from those of the first fit: one that is
 # farther off is ruled out without a fit to its pixels.
 _MAX_RIVAL_ERROR_PX = 0.5
+# Nor is it if a corner lies within this of the picture's edge, px: the tip that is cut off there
+# may have led the first fit to the wrong solution.
+_CUT_PX = 2.0
 # Gravity alone rules out a second solution if the first leans by less than the one angle and the
 # second by more than the other: pads lean by 15 degrees at most.
 _LEVEL_COS = math.cos(math.radians(6.0))
@@ -101,7 +104,7 @@ class SquarePrint(MarkerPrint):
         first = first or self._first(image, camera, corners)
         if first is None:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX), GREY
-        rivals = self._rivals(camera, first.pose, known_normal, down)
+        rivals = self._rivals(camera, first.pose, corners, known_normal, down)
         if isinstance(first, EdgeFit):
             found = (self._edges.fit(image, camera, start) for start in rivals)
             return ranked_by_edges([first, *(f for f in found if f is not None)]), EDGES
@@ -176,17 +179,27 @@ class SquarePrint(MarkerPrint):
         return telling
 
     def _rivals(
-        self, camera: CameraModel, pose: Pose, known_normal: Vec3 | None, down: Vec3 | None
+        self,
+        camera: CameraModel,
+        pose: Pose,
+        corners: F64,
+        known_normal: Vec3 | None,
+        down: Vec3 | None,
     ) -> list[Pose]:
-        """Return starts for other solutions, from the corners that the first pose implies."""
+        """Return starts for other solutions, from the corners that the first pose implies.
+
+        `corners` are those found in the picture.
+        """
         if known_normal is not None and pose.normal @ np.array(known_normal) > SAME_SOLUTION_COS:
             return []
         focal = camera.focal
         # If the first pose is doubtful (the normal is known to be another, or no pad lies so), the
         # other is fitted however far blur or bloom put its corners.
         is_steep = down is not None and float(pose.normal @ np.array(down)) < _TILTED_COS
-        is_near = known_normal is not None or is_steep
-        most_px = math.inf if is_near else _MAX_RIVAL_ERROR_PX
+        size = camera.width - 1, camera.height - 1
+        is_cut = bool(((corners < _CUT_PX) | (corners > np.subtract(size, _CUT_PX))).any())
+        is_doubtful = known_normal is not None or is_steep or is_cut
+        most_px = math.inf if is_doubtful else _MAX_RIVAL_ERROR_PX
         rivals = []
         for start, error in planar_poses(self.corner_rays(pose), self._size):
             if down is not None and _is_settled_by_gravity(pose, start, np.array(down)):

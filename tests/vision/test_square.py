@@ -97,6 +97,22 @@ def test_a_square_of_which_the_pictures_edge_cuts_off_the_tip_of_a_corner_is_fou
     assert math.dist(seen[0].position, at.position) < 0.004 * distance
 
 
+@pytest.mark.parametrize(("tilt", "towards"), [(0.35, 1.0), (0.5, 0.0), (0.5, 1.0)])
+def test_the_tip_that_the_pictures_edge_cuts_off_does_not_mirror_a_pose(
+    tilt: float, towards: float
+) -> None:
+    square = tag("4X4_50", 7, 0.6)
+    plate = Plate(north_m=0.5, south_m=0.5, east_m=0.5, west_m=0.5)
+    pad = pad_of(square).model_copy(update={"plate": plate})
+    y = 479.0
+    for _ in range(8):
+        at = look(IDEAL_CAMERA, 6.0, tilt, pixel=(330.0, y), heading=0.35, tilt_towards=towards)
+        y += 479.0 + 3.5 - float(corners_px(at, square, IDEAL_CAMERA)[:, 1].max())
+    image = render(at, IDEAL_CAMERA, Optics(), np.random.default_rng(1), pad)
+    seen = Vision(pad, IDEAL_CAMERA, VisionSection()).process(Frame(0.0, 0, image)).pad
+    assert math.acos(float(np.dot(seen[0].normal, at.normal))) < math.radians(2.0)
+
+
 def searched_thrice_each_way(square: Square, image: U8) -> bool:
     finder = SquareFinder(pad_of(square))
     return any(finder.find(image) for _ in range(24))
