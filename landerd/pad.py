@@ -4,6 +4,7 @@ Pad frame: origin at the landing point, x to the pad's north, y east, z down int
 markers lie in the plane z = 0. A square's north is its top as its makers print it.
 """
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -170,6 +171,16 @@ class Plate(Section):
     def holds(self, north: float, east: float) -> bool:
         """Tell whether a point of the pad frame, m, is on it."""
         return -self.south_m <= north <= self.north_m and -self.west_m <= east <= self.east_m
+
+    def white_round(self, square: Square) -> float:
+        """Return the least width of a square's margin on the plate, m; none: 0."""
+        north, east = square.position_m
+        heading = math.radians(square.heading_deg)
+        nearest = min(
+            self.north_m - north, self.south_m + north, self.east_m - east, self.west_m + east
+        )
+        half = nearest / (abs(math.cos(heading)) + abs(math.sin(heading)))
+        return max(0.0, half - 0.5 * square.size_m)
 
 
 Marker = Annotated[Ring | WhyCode | Square, Field(discriminator="kind")]

@@ -1,9 +1,10 @@
+import math
 from pathlib import Path
 
 import cv2
 import pytest
 
-from landerd.pad import DICTIONARIES, PadError, PadLayout, Square, load_pad
+from landerd.pad import DICTIONARIES, PadError, PadLayout, Plate, Square, load_pad
 
 ROOT = Path(__file__).parents[1]
 PLATE = "plate: {north_m: 1, south_m: 1, east_m: 1, west_m: 1}\n"
@@ -228,3 +229,21 @@ def test_a_marker_with_a_fault_is_not_reported_as_missing_besides(tmp_path: Path
     with pytest.raises(PadError, match="looks the same") as e:
         load(tmp_path, f"name: test\nmarkers:\n{CODE.replace('id: 5', 'id: 21')}{PLATE}")
     assert "at least" not in str(e.value)
+
+
+@pytest.mark.parametrize(
+    ("heading_deg", "white_m"), [(0.0, 0.2), (45.0, 0.3 * math.sqrt(0.5) - 0.1)]
+)
+def test_the_white_round_a_square_ends_at_the_plates_nearest_side(
+    heading_deg: float, white_m: float
+) -> None:
+    square = Square(
+        kind="aruco",
+        dictionary="4X4_50",
+        id=1,
+        size_m=0.2,
+        position_m=(0.1, -0.2),
+        heading_deg=heading_deg,
+    )
+    plate = Plate(north_m=0.4, south_m=0.5, east_m=0.6, west_m=0.7)
+    assert plate.white_round(square) == pytest.approx(white_m)

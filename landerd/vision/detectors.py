@@ -172,7 +172,7 @@ class PixelDetectors:
             for ring, heading in self._plate_headings.items()
         }
         self._prints: Mapping[Square, SquarePrint] = {
-            s: SquarePrint(s, printed_cells(s)) for s in layout.squares
+            s: SquarePrint(s, printed_cells(s), layout.plate.white_round(s)) for s in layout.squares
         }
         self._beside = {
             (r, s): SquareBeside(s, printed_cells(s), r)

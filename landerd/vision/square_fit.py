@@ -23,7 +23,9 @@ from landerd.vision.square_pose import planar_poses, poses_from_corners
 
 _PER_CELL = 6  # samples of the print along a cell
 _MARGIN_CELLS = 2  # width of the white round the print
-_USED_MARGIN_CELLS = 0.9  # width of it that is compared with the image
+# Width of it that is compared with the image, in cells, but no more than this share of the white
+# that the plate leaves: blur mixes the rest with the ground beyond.
+_USED_MARGIN_CELLS, _USED_WHITE = 0.9, 0.5
 
 # ---- two solutions -----------------------------------------------------------------------------
 # Largest rms distance of a second solution's corners from those of the first fit: one that is
@@ -65,12 +67,18 @@ _MIN_OUTLINE_SUPPORT, _MIN_SHOWN_SUPPORT = 0.85, 0.15
 class SquarePrint(MarkerPrint):
     """The print of one square marker, ready to be compared with images."""
 
-    def __init__(self, square: Square, cells: NDArray[np.bool_]) -> None:
-        """Prepare from the print's cells (n, n): True is white, top row first, border included."""
+    def __init__(self, square: Square, cells: NDArray[np.bool_], white_m: float = math.inf) -> None:
+        """Prepare the print.
+
+        Args:
+            square: its size.
+            cells: of its print (n, n): True is white, top row first, border included.
+            white_m: least width of the white round it.
+        """
         count, size = cells.shape[0], square.size_m
         padded = np.pad(cells.astype(np.float64), _MARGIN_CELLS, constant_values=1.0)
         fine = np.kron(padded, np.ones((_PER_CELL, _PER_CELL)))
-        reach = 0.5 * size * (1.0 + 2.0 * _USED_MARGIN_CELLS / count)
+        reach = 0.5 * size + min(_USED_MARGIN_CELLS * size / count, _USED_WHITE * white_m)
         self._code_reach = size * (0.5 - 1.0 / count)
         rows = size * ((np.arange(1, count - 1) + 0.5) / count - 0.5)  # within the border
         self._code_cells = np.stack(np.meshgrid(rows, rows), axis=-1).reshape(-1, 2)

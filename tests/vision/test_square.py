@@ -113,6 +113,23 @@ def test_the_tip_that_the_pictures_edge_cuts_off_does_not_mirror_a_pose(
     assert math.acos(float(np.dot(seen[0].normal, at.normal))) < math.radians(2.0)
 
 
+@pytest.mark.parametrize("dictionary", ["APRILTAG_36h11", "4X4_50"])
+@pytest.mark.parametrize("distance", [3.0, 6.0])
+def test_a_square_with_a_narrow_white_border_is_placed_though_the_ground_is_next_to_it(
+    dictionary: str, distance: float
+) -> None:
+    square = tag(dictionary, 7, 0.6)
+    plate = Plate(north_m=0.325, south_m=0.325, east_m=0.325, west_m=0.325)
+    pad = pad_of(square).model_copy(update={"plate": plate})
+    for towards in (0.0, 2.0):
+        at = look(IDEAL_CAMERA, distance, 0.2, pixel=(330.0, 250.0), tilt_towards=towards)
+        optics = Optics(background="grass")
+        image = render(at, IDEAL_CAMERA, optics, np.random.default_rng(1), pad)
+        seen = Vision(pad, IDEAL_CAMERA, VisionSection()).process(Frame(0.0, 0, image)).pad
+        assert math.dist(seen[0].position, at.position) < 0.003 * distance
+        assert math.acos(float(np.dot(seen[0].normal, at.normal))) < math.radians(2.0)
+
+
 def searched_thrice_each_way(square: Square, image: U8) -> bool:
     finder = SquareFinder(pad_of(square))
     return any(finder.find(image) for _ in range(24))
