@@ -8,9 +8,13 @@ import numpy as np
 
 from landerd.analysis.intervals import t_quantile
 
+# Of the powers of the distances, beyond which their products are singular in floating point: as of
+# a vehicle that hovered in one place.
+_WORST_CONDITION = 1e7
+
 
 def regression(x: Sequence[float], y: Sequence[float], degree: int) -> dict[str, Any] | None:
-    """Return the fit of a polynomial; None: there are too few points.
+    """Return the fit of a polynomial; None: there are too few points, or they lie too close.
 
     Args:
         x: distances, m.
@@ -22,6 +26,9 @@ def regression(x: Sequence[float], y: Sequence[float], degree: int) -> dict[str,
         (`polynomial_95`); the standard error (`sigma`); and the number of `samples`.
     """
     if len(x) <= degree + 1 or len(x) != len(y):
+        return None
+    powers = np.vander(x, degree + 1)
+    if np.linalg.cond(powers / np.linalg.norm(powers, axis=0)) > _WORST_CONDITION:
         return None
     fit, covariance = np.polyfit(x, y, degree, cov=True)
     rest = np.asarray(y) - np.polyval(fit, x)
