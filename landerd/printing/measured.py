@@ -23,7 +23,9 @@ def length_m(text: str) -> float:
     """
     match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+) ?(mm|cm|m)", text, re.ASCII)
     if match is None or float(match[1]) == 0.0:
-        raise ValueError(f"found {text!r}, expected a length with its unit, as 1.2m or 99.2mm")
+        raise ValueError(
+            f"found {text!r}, expected a length above 0 with its unit, as 1.2m or 99.2mm"
+        )
     return float(match[1]) * _IN_M[match[2]]
 
 
