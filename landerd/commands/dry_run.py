@@ -105,14 +105,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="direction of a fixed camera, degrees relative to the airframe (0,-90: down); "
         "without: from the telemetry",
     )
-    parser.add_argument(
+    pad = parser.add_mutually_exclusive_group()
+    pad.add_argument(
         "--pad-local",
         type=_numbers(2, 3),
         metavar="N,E[,D]",
         help="where the pad is drawn, m in the autopilot's local frame; without: where the "
         "flight ended",
     )
-    parser.add_argument(
+    pad.add_argument(
         "--pad-at", type=_numbers(2), metavar="LAT,LON", help="where the pad is drawn, degrees"
     )
     parser.add_argument(

@@ -130,6 +130,15 @@ def test_a_pad_in_degrees_and_one_in_metres_are_the_same(
     assert by_degrees["frames_with_pad"] == by_metres["frames_with_pad"] > 5
 
 
+def test_a_pad_in_two_places_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit) as exit_of:
+        main(["dry-run", "--telemetry", "a.tlog", "--pad-at", "47,8", "--pad-local", "0,2"])
+    assert exit_of.value.code == 2
+    assert "--pad-local: not allowed with argument --pad-at" in capsys.readouterr().err
+
+
 def test_unusable_input_is_refused_in_one_line(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
