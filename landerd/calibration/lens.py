@@ -27,6 +27,7 @@ _TILTED_DEG = 15.0  # least tilt of a view that helps to determine the focal len
 _FEWEST_TILTED = 4  # least number of such views
 _LARGEST_ERROR_PX = 1.0  # largest rms reprojection error over all corners
 _LARGEST_FOCAL_SIGMA = 0.003  # largest sigma of the focal length, relative
+_UNKNOWABLE = 1e12  # condition of the equations from which on views do not tell the focal length
 _OUTLIER_RATIO = 3.0  # error over the median of all views above which a view is an outlier
 
 
@@ -140,8 +141,12 @@ def _solve_fisheye(
         N[:8, own] = lens.T @ view
         N[own, :8] = N[:8, own].T
         N[own, own] = view.T @ view
-    sigmas = rms / math.sqrt(2.0) * np.sqrt(np.diag(np.linalg.pinv(N)))
-    focal_sigma = max(float(sigmas[0] / K[0, 0]), float(sigmas[1] / K[1, 1]))
+    focal_sigma = 1.0  # all of it: the views do not tell
+    scale = np.sqrt(np.diag(N))  # the units of focal lengths and coefficients differ by powers
+    scaled = N / np.outer(scale, scale)
+    if np.linalg.cond(scaled) < _UNKNOWABLE:
+        sigmas = rms / math.sqrt(2.0) * np.sqrt(np.diag(np.linalg.inv(scaled))) / scale
+        focal_sigma = max(float(sigmas[0] / K[0, 0]), float(sigmas[1] / K[1, 1]))
     return _camera(size, K, D, 4, fisheye=True), rotations, translations, focal_sigma
 
 

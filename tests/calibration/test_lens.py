@@ -56,6 +56,13 @@ def test_views_from_straight_ahead_only_are_refused() -> None:
     assert any(reason.startswith("0 views from aside") for reason in reasons)
 
 
+def test_a_fisheye_seen_from_straight_ahead_in_one_place_has_no_known_focal_length() -> None:
+    corners = np.column_stack([IDS % 8, IDS // 8]) * 50.0 + [60.0, 60.0]
+    seen = [View(f"{i}.png", IDS, corners) for i in range(12)]
+    reasons = not_trusted(calibrate(BOARD, seen, SIZE, "fisheye"), seen)
+    assert any("focal length is only known to 100.00 %" in reason for reason in reasons)
+
+
 def test_a_focal_length_that_stays_uncertain_is_refused() -> None:
     seen = views([Pose(p.x, p.y, p.z, 16.0, 0.0, 0.0) for p in GOOD], noise_px=0.6)
     reasons = not_trusted(calibrate(BOARD, seen, SIZE, "plumb_bob"), seen)
