@@ -8,6 +8,7 @@ import argparse
 import errno
 import os
 import re
+import signal
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
@@ -17,6 +18,8 @@ from typing import Any, NamedTuple, NoReturn, Protocol, cast
 from landerd import __version__
 from landerd.commands.shared import InputError
 from landerd.worker import exit_without_waiting
+
+_STOPPED = 130  # exit code after Ctrl-C, as shells have it
 
 
 class CommandModule(Protocol):
@@ -134,7 +137,11 @@ class _Parser(argparse.ArgumentParser):
 
 def entry_point() -> NoReturn:
     """Run the process's command line, and end it without waiting for a search that still hangs."""
-    code = main()
+    try:
+        code = main()
+    except KeyboardInterrupt:  # once more, while it stops for the first
+        code = _STOPPED
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # from here on it ends without a traceback
     exit_without_waiting(code)
     sys.exit(code)
 
@@ -155,7 +162,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
-        return 130
+        return _STOPPED
     except BrokenPipeError:
         # Whoever read our output has gone; nothing is left to say, at exit neither.
         _give_up_stdout()

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from landerd import __version__
-from landerd.cli import main
+from landerd.cli import entry_point, main
 from landerd.config.files import config_dir
 
 
@@ -248,6 +248,21 @@ def test_an_interrupted_command_says_that_it_stopped(tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (130, "", "stopped\n")
+
+
+def test_ctrl_c_once_more_while_it_stops_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted() -> int:
+        raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr("landerd.cli.main", interrupted)
+    try:
+        with pytest.raises(SystemExit) as end:
+            entry_point()
+        assert end.value.code == 130
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL  # Python's would raise
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize(
