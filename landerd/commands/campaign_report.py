@@ -69,8 +69,9 @@ def _as_it_stands(path: Path) -> list[Block]:
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
-        raise InputError(f"{path}: cannot be read") from None
+    except (OSError, UnicodeDecodeError) as e:
+        reason = e.strerror if isinstance(e, OSError) else "not text"
+        raise InputError(f"{path}: cannot be read: {reason}") from None
     blocks: list[Block] = [Heading(path.stem, 2)]
     section: list[str] = []
     for line in [*lines, SECTION]:

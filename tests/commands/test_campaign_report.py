@@ -182,3 +182,12 @@ def test_a_file_of_runs_holds_its_campaigns_and_sittings(tmp_path: Path) -> None
     assert kept.sittings == (SITTING,)
     campaign = Campaign.model_validate_json(kept.plan.campaigns["wind"].model_dump_json())
     assert campaign == kept.plan.campaigns["wind"]
+
+
+def test_tables_that_are_no_text_are_refused_with_the_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "vision.txt").write_bytes(b"\xff\xfe")
+    for name, reason in (("vision.txt", "not text"), ("none.txt", "No such file or directory")):
+        assert main(["report", str(tmp_path / name), "-o", str(tmp_path / "a.md")]) == 2
+        assert f"{name}: cannot be read: {reason}" in capsys.readouterr().err
