@@ -51,6 +51,8 @@ def run(args: argparse.Namespace) -> int:
         tell(note)
     for key in unknown:
         tell(f"{log.path}: {key}: this version has no such key, it is left out")
+    if not log.replayable:
+        raise InputError(f"{log.path}: the flight's first messages are missing: none is replayed")
     replayed = replay(log, config)
     vision = replay_vision(log, config)
     if args.json:

@@ -135,7 +135,7 @@ class AutopilotCheck:
         limits = self._config.freshness
         found = []
         for item, kind, limit, mend in (
-            ("attitude", Attitude, limits.attitude_s, "a faster link; SRn_* 0"),
+            ("attitude", Attitude, limits.attitude_s, "a faster link; SRn_* (4.7: MAVn_*) 0"),
             ("position", LocalPosition, limits.position_s, "wait for GPS and EKF; a faster link"),
             ("RC channels", RcChannels, limits.rc_s, "switch the transmitter on; a faster link"),
         ):

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from pymavlink import mavutil
 
 from landerd.cli import main
@@ -81,3 +83,25 @@ def test_wrong_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert main(["replay", *arguments]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert says in line
+
+
+def test_of_a_flight_whose_beginning_is_lost_nothing_is_replayed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "late.mcap"
+    with GOLDEN.open("rb") as recorded, path.open("wb") as late:
+        reader, writer = make_reader(recorded), Writer(late)
+        writer.start()
+        for attachment in reader.iter_attachments():
+            writer.add_attachment(**vars(attachment))
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        for _, channel, message in reader.iter_messages():
+            if message.sequence > 9:
+                known = writer.register_channel(channel.topic, channel.message_encoding, 0)
+                writer.add_message(
+                    known, message.log_time, message.data, message.publish_time, message.sequence
+                )
+        writer.finish()  # type: ignore[no-untyped-call]
+    assert main(["replay", str(path)]) == 2
+    assert "the flight's first messages are missing" in capsys.readouterr().err.splitlines()[-1]
