@@ -454,7 +454,7 @@ MUTANTS = [
         "landerd/geometry.py",
         "math.hypot(0.5 * (xx - yy), xy)",
         "abs(0.5 * (xx - yy))",
-        "test_turned_north.py::test_a_flight_that_is_turned_and_moved_gets_the_same_orders",
+        "test_symmetry.py::test_a_flight_that_is_turned_and_moved_gets_the_same_orders",
     ),
     Mutant(
         "2: sinks on where sight is too old to commit",
