@@ -503,8 +503,8 @@ MUTANTS = [
     Mutant(
         "2: commits on a plate whose slope makes its lean too much to stand with",
         PHASES,
-        "self._lean = angle_between(self._down, relative.normal)",
-        "self._lean = angle_between(self._down, (0.0, 0.0, 1.0))",
+        "self._lean = angle_between(unlagged, relative.normal)",
+        "self._lean = angle_between(unlagged, (0.0, 0.0, 1.0))",
         "guidance/test_landing.py::test_the_lean_that_forbids_a_landing_is_relative_to_the_plate",
     ),
     Mutant(
@@ -1081,9 +1081,16 @@ MUTANTS = [
     Mutant(
         "2: a plate that is tilted counts seconds later",
         PHASES,
-        "self._lean = angle_between(self._down, relative.normal)",
+        "self._lean = angle_between(unlagged, relative.normal)",
         "self._lean += dt / LEAN_S * (angle_between(down, relative.normal) - self._lean)",
         "guidance/test_landing.py::test_a_plate_that_is_tilted_just_before_the_touch_is_not_landed_on",
+    ),
+    Mutant(
+        "2: a lean that grows counts seconds later",
+        PHASES,
+        "unlagged = unit(add(self._down, sub(self._down, self._lagging)))",
+        "unlagged = self._down",
+        "guidance/test_landing.py::test_a_lean_that_grows_all_the_way_down_is_known_before_the_touch",
     ),
     Mutant(
         "2: waits for a lull where a foot of a leaning vehicle touches",
