@@ -290,3 +290,8 @@ def horizontal_sigma(covariance: Mat3) -> float:
     """
     (xx, xy, _), (_, yy, _), _ = covariance
     return math.sqrt(max(0.0, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)))
+
+
+def largest_sigma(covariance: Mat3) -> float:
+    """Return the larger of the horizontal and the vertical standard deviation."""
+    return max(horizontal_sigma(covariance), math.sqrt(max(0.0, covariance[2][2])))

@@ -30,7 +30,7 @@ from landerd.geometry import (
     Vec3,
     add,
     diagonal,
-    horizontal_sigma,
+    largest_sigma,
     matadd,
     matscale,
     norm,
@@ -100,7 +100,7 @@ class PadEstimate:
     @property
     def sigma_m(self) -> float:
         """Largest sigma of the position, horizontal or vertical, m."""
-        return max(horizontal_sigma(self.covariance), math.sqrt(self.covariance[2][2]))
+        return largest_sigma(self.covariance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,8 +370,7 @@ class PadFilter:
 
     def _gate(self, innovation: Innovation) -> float:
         """Return the gate's largest radius for an innovation with this covariance, m."""
-        S = innovation.S
-        return math.sqrt(self._nis_limit) * max(horizontal_sigma(S), math.sqrt(S[2][2]))
+        return math.sqrt(self._nis_limit) * largest_sigma(innovation.S)
 
     def _is_step(self, t: float, step: Vec3) -> bool:
         return norm(step) < MAX_STEP_M and t - self._stepped_t > STEP_GAP_S
