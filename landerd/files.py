@@ -25,6 +25,11 @@ def read_text(path: Path) -> str:
     return data.decode("utf-8")
 
 
+def why_unread(error: OSError | UnicodeDecodeError) -> str:
+    """Return in a word or two why a text could not be read."""
+    return error.strerror or str(error) if isinstance(error, OSError) else "not text"
+
+
 def as_bytes(text: str) -> bytes:
     """Return a text in UTF-8, in which names of files that are none have escapes."""
     return text.encode("utf-8", errors="backslashreplace")

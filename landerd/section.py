@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
-from landerd.files import read_text
+from landerd.files import read_text, why_unread
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
@@ -107,8 +107,7 @@ def read_mapping(path: Path, error: type[Exception], expected: str) -> dict[str,
         # `rostopic echo` ends each message with the beginning of another document.
         data = yaml.load(re.sub(r"\n---\s*\Z", "\n", text), Loader=_Loader)
     except (OSError, UnicodeDecodeError) as e:
-        reason = e.strerror if isinstance(e, OSError) else "not text"
-        raise error(f"{path}: cannot be read: {reason}") from None
+        raise error(f"{path}: cannot be read: {why_unread(e)}") from None
     except yaml.YAMLError as e:
         mark, problem = getattr(e, "problem_mark", None), getattr(e, "problem", None)
         line = f":{mark.line + 1}" if mark else ""

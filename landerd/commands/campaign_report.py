@@ -14,7 +14,7 @@ from landerd.commands.fault_runs import settings_of
 from landerd.commands.shared import InputError, refusing
 from landerd.config.files import ConfigError, default_config
 from landerd.drivers import read_configuration
-from landerd.files import as_bytes, write_whole
+from landerd.files import as_bytes, why_unread, write_whole
 
 TITLE = "Results"
 SECTION = "== "  # begins a heading in a file of tables (.txt)
@@ -70,8 +70,7 @@ def _as_it_stands(path: Path) -> list[Block]:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as e:
-        reason = e.strerror if isinstance(e, OSError) else "not text"
-        raise InputError(f"{path}: cannot be read: {reason}") from None
+        raise InputError(f"{path}: cannot be read: {why_unread(e)}") from None
     blocks: list[Block] = [Heading(path.stem, 2)]
     section: list[str] = []
     for line in [*lines, SECTION]:

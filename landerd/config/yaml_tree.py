@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from landerd.files import read_text
+from landerd.files import read_text, why_unread
 from landerd.section import NUMBER, value_in_words
 
 Loc = tuple[str | int, ...]  # place of a value in a tree: keys of blocks and indices of lists
@@ -138,8 +138,7 @@ def _read(
             raise OSError(0, "it includes itself")
         text = read_text(path)
     except (OSError, UnicodeDecodeError) as e:
-        reason = e.strerror if isinstance(e, OSError) else "not text"
-        faults.append(Fault(named_at, key, f"cannot be read: {reason}"))
+        faults.append(Fault(named_at, key, f"cannot be read: {why_unread(e)}"))
         return empty
     except (ValueError, RuntimeError):  # a zero byte in its name; links in a circle
         faults.append(Fault(named_at, key, "cannot be read: not a file name"))

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from landerd.config.models import WebSection, split_address
+from landerd.files import why_unread
 
 log = logging.getLogger("landerd")
 
@@ -137,8 +138,7 @@ def _token(path: Path) -> str:
     try:
         token = path.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as e:
-        reason = e.strerror if isinstance(e, OSError) else "not text"
-        raise DoorError(f"{path}: cannot be read: {reason}") from None
+        raise DoorError(f"{path}: cannot be read: {why_unread(e)}") from None
     if _TOKEN.fullmatch(token) is None:
         raise DoorError(f"{path}: expected one word of 16 to 128 letters, digits, - and _")
     return token
