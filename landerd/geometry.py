@@ -51,6 +51,12 @@ def scale(a: Vec3, k: float) -> Vec3:
     return (k * a[0], k * a[1], k * a[2])
 
 
+def towards(a: Vec3, b: Vec3, share: float) -> Vec3:
+    """Return a + share (b - a)."""
+    x, y, z = a
+    return (x + share * (b[0] - x), y + share * (b[1] - y), z + share * (b[2] - z))
+
+
 def dot(a: Vec3, b: Vec3) -> float:
     """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -143,6 +149,23 @@ def matadd(a: Mat3, b: Mat3) -> Mat3:
         (u + b10, v + b11, w + b12),
         (p + b20, q + b21, r + b22),
     )
+
+
+def matadd_scaled(a: Mat3, b: Mat3, k: float) -> Mat3:
+    """Return a + k b."""
+    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
+    (x, y, z), (u, v, w), (p, q, r) = a
+    return (
+        (x + k * b00, y + k * b01, z + k * b02),
+        (u + k * b10, v + k * b11, w + k * b12),
+        (p + k * b20, q + k * b21, r + k * b22),
+    )
+
+
+def add_diagonal(m: Mat3, d: Vec3) -> Mat3:
+    """Return m with d added to its diagonal."""
+    (a, b, c), (e, f, g), (h, i, j) = m
+    return ((a + d[0], b, c), (e, f + d[1], g), (h, i, j + d[2]))
 
 
 def matsub(a: Mat3, b: Mat3) -> Mat3:

@@ -531,8 +531,8 @@ MUTANTS = [
     Mutant(
         "3: a yaw rate that is wrong is not learned",
         TRACKING,
-        "wanted = relative.pad_turn_rate + turn + self._turn_integral",
-        "wanted = relative.pad_turn_rate + turn",
+        "wanted = pad_turn_rate + turn + self._turn_integral",
+        "wanted = pad_turn_rate + turn",
         "guidance/test_tracking_method.py::test_a_vehicle_that_turns_beside_its_order_still_comes_to_the_pads_heading",
     ),
     Mutant(
@@ -1088,7 +1088,7 @@ MUTANTS = [
     Mutant(
         "2: a lean that grows counts seconds later",
         PHASES,
-        "unlagged = unit(add(self._down, sub(self._down, self._lagging)))",
+        "unlagged = unit(towards(self._lagging, self._down, 2.0))",
         "unlagged = self._down",
         "guidance/test_landing.py::test_a_lean_that_grows_all_the_way_down_is_known_before_the_touch",
     ),

@@ -4,7 +4,7 @@ import math
 
 from landerd.estimation.motion_filter import Jacobian, MotionFilter
 from landerd.estimation.observation import BiasModel, PadObservation
-from landerd.geometry import Vec3, add, clamp, dot, rotate, scale, sub, unit
+from landerd.geometry import Vec3, add, clamp, dot, rotate, sub, towards, unit
 
 RANGE_TIME_CONSTANT_S = 2.0  # of range errors, which change as the pad comes nearer
 ANOTHER_MARKER = 2.0  # a range error that changes by this factor is that of another marker
@@ -53,8 +53,8 @@ class BiasLinearisation:
         if min(dot(x, new.about_x), dot(y, new.about_y)) < math.cos(AXES_TURN):
             return new
         k = clamp((seen.t - t) / AXES_TIME_CONSTANT_S, 0.0, 1.0)
-        x = unit(add(x, scale(sub(new.about_x, x), k)))
-        y = unit(add(y, scale(sub(new.about_y, y), k)))
+        x = unit(towards(x, new.about_x, k))
+        y = unit(towards(y, new.about_y, k))
         return new._replace(about_x=x, about_y=y)
 
     def average(self, seen: PadObservation, dt: float, pad_down: float) -> None:

@@ -6,7 +6,7 @@ the horizon.
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from landerd import gimbal_frames
 from landerd.config.models import Config
@@ -25,6 +25,7 @@ from landerd.geometry import (
     rotate,
     scale,
     sub,
+    towards,
     transpose,
     wrap,
 )
@@ -64,8 +65,7 @@ WRONG_CLIMB_MPS = 0.5
 RIGHT_AGAIN_S = 10.0  # agreement must last this long to be believed: the error came back once
 
 
-@dataclass(frozen=True, slots=True)
-class CameraPose:
+class CameraPose(NamedTuple):
     """Pose of the camera in local NED."""
 
     position: Vec3  # of the gimbal's pivot, taken for the camera's centre, m
@@ -199,9 +199,8 @@ class PoseHistory:
                     measured = sub(measured, by)
                 else:
                     self._compare_climb(new.t, by[2], new.t - last[0])
-                carried_on = add((x, y, z), moved)
                 k = min(1.0, (new.t - last[0]) / POSITION_TIME_CONSTANT_S)
-                position = add(carried_on, scale(sub(measured, carried_on), k))
+                position = towards(add((x, y, z), moved), measured, k)
         self._measured = measured
         self.position.add(new.t, (*position, *new.velocity))
 

@@ -30,7 +30,7 @@ from landerd.messages import (
     Sightings,
 )
 
-# A number of a pose beyond this (m, m^2, rad or chi-square) comes from a failed fit: no camera sees
+# Numbers of a pose (m, m^2, rad, chi-square) beyond this come from a failed fit: no camera sees
 # a thousand kilometres. A variance of 1e160 overflowed in the filter.
 MAX_PLAUSIBLE = 1e6
 PRIOR_KEEP_S = 1.0  # how long after a sighting vision gets the pad as a prior; chosen by hand
@@ -259,7 +259,6 @@ class Estimator:
 def _is_plausible(s: PoseSolution) -> bool:
     """Tell whether a pose can be computed with: no NaN, no degenerate fit."""
     c = s.covariance
-    numbers = (*s.position, *s.normal, *(s.north or ()), *c[0], *c[1], *c[2])
-    scalars = (s.sigma_yaw or 0.0, s.sigma_tilt, s.cost)
-    in_range = all(-MAX_PLAUSIBLE <= x <= MAX_PLAUSIBLE for x in (*numbers, *scalars))
-    return in_range and c[0][0] > 0.0 and c[1][1] > 0.0 and c[2][2] > 0.0
+    vectors = (*s.position, *s.normal, *(s.north or ()), *c[0], *c[1], *c[2])
+    size = math.hypot(*vectors, s.sigma_yaw or 0.0, s.sigma_tilt, s.cost)
+    return size <= MAX_PLAUSIBLE and c[0][0] > 0.0 and c[1][1] > 0.0 and c[2][2] > 0.0

@@ -15,10 +15,9 @@ from landerd.geometry import (
     Mat3,
     Vec3,
     add,
-    diagonal,
+    add_diagonal,
     dot,
     inverse,
-    matadd,
     norm,
     rotate,
     scale,
@@ -110,7 +109,7 @@ class Inconsistency:
         # twice the limit, since both ends of the displacement are noisy.
         swing = swing_m * swing_m
         state, S = self._began
-        noise = matadd(S, diagonal(swing, swing, swing))
+        noise = add_diagonal(S, (swing, swing, swing))
         if dot(moved, rotate(inverse(noise), moved)) <= 2.0 * limit:
             return None
         # A braking pad does not heave: with a looser vertical estimate contact would count as

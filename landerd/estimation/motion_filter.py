@@ -15,7 +15,7 @@ named after the two they relate (Ppv, Pbg, ...), in plain floats: the same bits 
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from landerd.estimation.turn_coupling import TurnCoupling
 from landerd.geometry import (
@@ -23,11 +23,13 @@ from landerd.geometry import (
     Mat3,
     Vec3,
     add,
+    add_diagonal,
     diagonal,
     dot,
     horizontal_sigma,
     inverse,
     matadd,
+    matadd_scaled,
     matmul,
     matmul_transposed,
     matscale,
@@ -46,8 +48,7 @@ Biases = tuple[Vec3, Vec3]  # the blocks b and g
 Jacobian = tuple[Mat3, Mat3]  # of a measured position with respect to b and g
 
 
-@dataclass(frozen=True, slots=True)
-class Innovation:
+class Innovation(NamedTuple):
     """Measured minus predicted position, with what a correction by it needs."""
 
     vector: Vec3  # m
@@ -55,20 +56,15 @@ class Innovation:
     S_inverse: Mat3
     PHt: tuple[Mat3, Mat3, Mat3, Mat3]  # P H^T for the blocks p, v, b, g
     coupling_jacobian: Vec3  # derivative of the predicted measurement by the coupling, m
-
-    @property
-    def nis(self) -> float:
-        """Normalised innovation squared (squared Mahalanobis distance): chi-square of 3."""
-        return dot(self.vector, rotate(self.S_inverse, self.vector))
+    nis: float  # normalised innovation squared (squared Mahalanobis distance): chi-square of 3
 
     def with_noise(self, more: Mat3) -> "Innovation":
         """Return the innovation of the same measurement with this much more white noise, m^2."""
         S = matadd(self.S, more)
-        return Innovation(self.vector, S, inverse(S), self.PHt, self.coupling_jacobian)
+        return _innovation(self.vector, S, self.PHt, self.coupling_jacobian)
 
 
-@dataclass(frozen=True, slots=True)
-class MotionState:
+class MotionState(NamedTuple):
     """Position (m), velocity (m/s) and biases at one time (s)."""
 
     t: float
@@ -123,8 +119,8 @@ class MotionFilter:
             # Nothing but the initial position has been correlated with the clock yet.
             x, y, z = self._Ppb
             by_clock = scale((x[2], y[2], z[2]), 1.0 / was)
-            less = matscale(outer(by_clock, by_clock), variance - was)
-            self.Ppp = _symmetric(matadd(self.Ppp, less))
+            P = matadd_scaled(self.Ppp, outer(by_clock, by_clock), variance - was)
+            self.Ppp = _symmetric(P)
             self._Ppb = _columns(self._Ppb, (1.0, 1.0, variance / was))
 
     def start(self, t: float, measured: Vec3, R: Mat3, B: Jacobian, sigma_velocity: Vec3) -> None:
@@ -151,7 +147,7 @@ class MotionFilter:
 
     def sigma_velocity(self, dt: float) -> tuple[float, float]:
         """Return the velocity's sigma, horizontal (the largest) and vertical, dt (s) after `t`."""
-        P = matadd(self.Pvv, diagonal(*scale(self.q, dt)))
+        P = add_diagonal(self.Pvv, scale(self.q, dt))
         return horizontal_sigma(P), math.sqrt(P[2][2])
 
     @property
@@ -192,10 +188,9 @@ class MotionFilter:
         self._coupling.predict(dt, self.turn_rate, self.velocity)
         turn, ahead = self._transition(dt)
         self.position, self.velocity, self.Ppp = self.at(dt)
-        noise = diagonal(*scale(self.q, 0.5 * dt * dt))
         self.Ppv = matmul_transposed(matadd(self.Ppv, matmul(ahead, self.Pvv)), turn)
-        self.Ppv = matadd(self.Ppv, noise)
-        self.Pvv = matadd(rotate_covariance(turn, self.Pvv), diagonal(*scale(self.q, dt)))
+        self.Ppv = add_diagonal(self.Ppv, scale(self.q, 0.5 * dt * dt))
+        self.Pvv = add_diagonal(rotate_covariance(turn, self.Pvv), scale(self.q, dt))
         self._Ppb = matadd(self._Ppb, matmul(ahead, self._Pvb))
         self._Ppg = matadd(self._Ppg, matmul(ahead, self._Pvg))
         self._Pvb, self._Pvg = matmul(turn, self._Pvb), matmul(turn, self._Pvg)
@@ -215,8 +210,8 @@ class MotionFilter:
         self._Ppb, self._Pvb = _columns(self._Ppb, keep_b), _columns(self._Pvb, keep_b)
         self._Ppg, self._Pvg = _columns(self._Ppg, keep_g), _columns(self._Pvg, keep_g)
         self._Pbg = _product(self._Pbg, outer(keep_b, keep_g))
-        self.Pbb = _faded(self.Pbb, outer(keep_b, keep_b), self._initial_Pbb)
-        self.Pgg = _faded(self.Pgg, outer(keep_g, keep_g), self._initial_Pgg)
+        self.Pbb = _faded(self.Pbb, keep_b, self._initial_Pbb)
+        self.Pgg = _faded(self.Pgg, keep_g, self._initial_Pgg)
 
     def innovation(self, measured: Vec3, R: Mat3, B: Jacobian) -> Innovation:
         """Return the innovation of a position (m) measured at `t`, noise covariance R (m^2)."""
@@ -229,7 +224,7 @@ class MotionFilter:
         vector = sub(sub(measured, self.position), _apparent_shift(B, self.biases))
         p, _, by_b, by_g = self._coupling.sensitivity
         coupling_jacobian = add(p, _apparent_shift(B, (by_b, by_g)))
-        return Innovation(vector, S, inverse(S), (Up, Uv, Ub, Ug), coupling_jacobian)
+        return _innovation(vector, S, (Up, Uv, Ub, Ug), coupling_jacobian)
 
     def correct(self, innovation: Innovation, coloured: Mat3) -> None:
         """Correct the state by a measurement.
@@ -279,9 +274,17 @@ class MotionFilter:
 
     def _position_covariance_after(self, dt: float) -> Mat3:
         # As of a point that goes straight on: between two pictures it turns by a degree at most.
-        grown = matadd(self.Ppp, matscale(matadd(self.Ppv, transpose(self.Ppv)), dt))
-        grown = matadd(grown, matscale(self.Pvv, dt * dt))
-        return matadd(grown, diagonal(*scale(self.q, dt**3 / 3.0)))
+        by_velocity = matadd_scaled(matadd(self.Ppv, transpose(self.Ppv)), self.Pvv, dt)
+        grown = matadd_scaled(self.Ppp, by_velocity, dt)
+        return add_diagonal(grown, scale(self.q, dt**3 / 3.0))
+
+
+def _innovation(
+    vector: Vec3, S: Mat3, PHt: tuple[Mat3, Mat3, Mat3, Mat3], coupling_jacobian: Vec3
+) -> Innovation:
+    S_inverse = inverse(S)
+    nis = dot(vector, rotate(S_inverse, vector))
+    return Innovation(vector, S, S_inverse, PHt, coupling_jacobian, nis)
 
 
 def _apparent_shift(B: Jacobian, biases: Biases) -> Vec3:
@@ -301,7 +304,9 @@ def _times(a: Vec3, b: Vec3) -> Vec3:
 
 def _columns(m: Mat3, k: Vec3) -> Mat3:
     """Return m diag(k)."""
-    return _product(m, (k, k, k))
+    (a, b, c), (d, e, f), (g, h, i) = m
+    x, y, z = k
+    return ((x * a, y * b, z * c), (x * d, y * e, z * f), (x * g, y * h, z * i))
 
 
 def _product(a: Mat3, b: Mat3) -> Mat3:
@@ -315,15 +320,21 @@ def _product(a: Mat3, b: Mat3) -> Mat3:
     )
 
 
-def _faded(P: Mat3, keep: Mat3, initial: Mat3) -> Mat3:
+def _faded(P: Mat3, keep: Vec3, initial: Mat3) -> Mat3:
     """Return the predicted covariance of Gauss-Markov errors.
 
     Args:
         P: covariance before.
-        keep: product of the decay factors of each pair of errors.
-        initial: their stationary covariance.
+        keep: the decay factor of each error.
+        initial: their stationary covariance, which is diagonal.
     """
-    return matadd(initial, _product(matsub(P, initial), keep))
+    x, y, z = keep
+    driven = (
+        (1.0 - x * x) * initial[0][0],
+        (1.0 - y * y) * initial[1][1],
+        (1.0 - z * z) * initial[2][2],
+    )
+    return add_diagonal(_product(P, outer(keep, keep)), driven)
 
 
 def _with_products(P: Mat3, a: Mat3, b: Mat3, c: Mat3, d: Mat3) -> Mat3:

@@ -13,8 +13,7 @@ from landerd.geometry import (
     clamp,
     diagonal,
     dot,
-    matadd,
-    matscale,
+    matadd_scaled,
     outer,
     rotate,
     rotate_covariance,
@@ -69,7 +68,7 @@ class NoiseAdaptation:
         """
         across, along = (math.sqrt(scale) for scale in self._noise_scale)
         d = seen.sight
-        stretch = matadd(diagonal(across, across, across), matscale(outer(d, d), along - across))
+        stretch = matadd_scaled(diagonal(across, across, across), outer(d, d), along - across)
         return rotate_covariance(stretch, seen.covariance)
 
     def adapt(self, seen: PadObservation, innovation: Innovation, motion: MotionFilter) -> None:

@@ -5,7 +5,6 @@ biases that all frames have in common, with the Jacobian by which the pad filter
 """
 
 import math
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from landerd.config.models import EstimationSection
@@ -22,7 +21,9 @@ from landerd.geometry import (
     dot,
     heading_of,
     matadd,
+    matadd_scaled,
     matscale,
+    matsub,
     norm,
     outer,
     rotate,
@@ -95,8 +96,7 @@ class BiasModel(NamedTuple):
         )
 
 
-@dataclass(frozen=True, slots=True)
-class PadObservation:
+class PadObservation(NamedTuple):
     """The pad in local NED as one frame shows it."""
 
     t: float  # exposure, s
@@ -128,8 +128,7 @@ class PadObservation:
         return math.acos(clamp(self.normal[2], -1.0, 1.0))
 
 
-@dataclass(frozen=True, slots=True)
-class PadFix:
+class PadFix(NamedTuple):
     """The pad relative to the feet as one frame shows it, unfiltered."""
 
     t: float  # exposure, s
@@ -160,15 +159,15 @@ class ObservationModel:
         if camera is None:
             return None
         R = camera.R_local_camera
-        noise = _without_systematic(solution)
+        covariance, sigma_yaw, sigma_tilt = _white_noise(solution)
         arm = rotate(R, solution.position)
         if norm(arm) < MIN_RANGE_M:
             return None
         heading, sigma_heading = None, math.inf
         if solution.north is not None and solution.sigma_yaw is not None:
             heading = heading_of(rotate(R, solution.north))
-            sigma_heading = math.hypot(noise.sigma_yaw or 0.0, self._sigma_bearing)
-        sigma_range = math.sqrt(max(0.0, noise.covariance[2][2]))
+            sigma_heading = math.hypot(sigma_yaw, self._sigma_bearing)
+        sigma_range = math.sqrt(max(0.0, covariance[2][2]))
         t_true = t - clocks.pictures_s
         turning, by_gimbal = self._sweeps(t_true, clocks.gimbal_s, R, solution.position)
         # The velocity as reported: positions differenced over so short a time would be noise.
@@ -179,7 +178,7 @@ class ObservationModel:
             t=t,
             position=add(add(camera.position, arm), shown),
             arm=arm,
-            covariance=matadd(rotate_covariance(R, noise.covariance), self._pointing_noise(arm)),
+            covariance=matadd(rotate_covariance(R, covariance), self._pointing_noise(arm)),
             telemetry_noise=self._telemetry_noise(sub(turning, by_gimbal), by_gimbal),
             biases=BiasModel(
                 *camera_axes(camera),
@@ -187,13 +186,11 @@ class ObservationModel:
                 by_gimbal,
                 math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / norm(arm)),
             ),
-            step_noise=matadd(
-                STEP_COVARIANCE, matscale(outer(by_clock, by_clock), SIGMA_STEP_S**2)
-            ),
+            step_noise=matadd_scaled(STEP_COVARIANCE, outer(by_clock, by_clock), SIGMA_STEP_S**2),
             heading=heading,
             sigma_heading=sigma_heading,
             normal=rotate(R, solution.normal),
-            sigma_tilt=noise.sigma_tilt,
+            sigma_tilt=sigma_tilt,
             cost=solution.cost,
         )
 
@@ -234,7 +231,7 @@ class ObservationModel:
         """Return the covariance (m^2) due to lens direction (across the arm) and own position."""
         along = self._sigma_bearing**2
         across = along * dot(arm, arm) + self._sigma_position**2
-        return matadd(diagonal(across, across, across), matscale(outer(arm, arm), -along))
+        return matadd_scaled(diagonal(across, across, across), outer(arm, arm), -along)
 
     def _telemetry_noise(self, by_turning: Vec3, by_gimbal: Vec3) -> Mat3:
         """Return the covariance (m^2) due to jitter in the times of attitude and gimbal angles.
@@ -254,20 +251,18 @@ def camera_axes(camera: CameraPose) -> tuple[Vec3, Vec3]:
     return x, y
 
 
-def _without_systematic(s: PoseSolution) -> PoseSolution:
-    """Return a pose with the white part of its uncertainty alone.
+def _white_noise(s: PoseSolution) -> tuple[Mat3, float, float]:
+    """Return the white part of a pose's covariance (m^2), sigma_yaw and sigma_tilt (rad).
 
     The systematic part moves pad and prediction alike: a filter does not average it out.
     """
+    sigma_yaw = s.sigma_yaw or 0.0
     if s.systematic is None:
-        return s
-
-    yaw = None if s.sigma_yaw is None else _rest(s.sigma_yaw, s.systematic.sigma_yaw)
-    return replace(
-        s,
-        covariance=matadd(s.covariance, matscale(s.systematic.covariance, -1.0)),
-        sigma_yaw=yaw,
-        sigma_tilt=_rest(s.sigma_tilt, s.systematic.sigma_tilt),
+        return s.covariance, sigma_yaw, s.sigma_tilt
+    return (
+        matsub(s.covariance, s.systematic.covariance),
+        _rest(sigma_yaw, s.systematic.sigma_yaw),
+        _rest(s.sigma_tilt, s.systematic.sigma_tilt),
     )
 
 

@@ -10,7 +10,8 @@ innovations (`nis_deviation`) included.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from landerd.config.models import EstimationSection
 from landerd.estimation.bias_linearisation import (
@@ -77,8 +78,7 @@ CLOCK_TIME_CONSTANT_S = 1200.0
 COLOURED_RAD, COLOURED_M = 0.003, 0.015  # in proportion to the range, and constant
 
 
-@dataclass(frozen=True, slots=True)
-class PadEstimate:
+class PadEstimate(NamedTuple):
     """The pad at one time, local NED."""
 
     t: float
@@ -95,7 +95,8 @@ class PadEstimate:
 
     def moved(self, now: float) -> "PadEstimate":
         """Return the pad at another time (s), at constant velocity."""
-        return replace(self, t=now, position=add(self.position, scale(self.velocity, now - self.t)))
+        ahead = scale(self.velocity, now - self.t)
+        return self._replace(t=now, position=add(self.position, ahead))
 
     @property
     def sigma_m(self) -> float:

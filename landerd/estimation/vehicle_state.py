@@ -1,7 +1,7 @@
 """The vehicle at the time of a control step, from its newest telemetry."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from landerd.config.models import VehicleSection
 from landerd.estimation.camera_pose import PoseHistory
@@ -11,11 +11,11 @@ from landerd.geometry import Vec3, add, cross, dot, euler_rates, rot_zyx, rotate
 COURSE_MPS = 1.5  # a slower vehicle hovers: its motion is that of wind and control
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState:
+class VehicleState(NamedTuple):
     """The vehicle at one time, local NED."""
 
     feet: Vec3  # centre of the footprint in the plane of the feet, m
+    down: Vec3  # the airframe's down axis, unit vector
     velocity: Vec3  # m/s
     yaw: float  # rad
     autopilot_yaw: float  # by the autopilot, rad; differs from yaw after a reset of its heading
@@ -41,12 +41,6 @@ class VehicleState:
         return max(dot(rotate(R, foot), normal) for foot in feet_of(self.airframe, 0.0))
 
     @property
-    def down(self) -> Vec3:
-        """The airframe's down axis, local."""
-        roll, pitch, yaw, *_ = self.attitude
-        return rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, 1.0))
-
-    @property
     def course(self) -> float | None:
         """Direction of its motion relative to its nose, rad, right positive; None in hover."""
         north, east, _ = self.velocity
@@ -67,12 +61,22 @@ def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> Ve
     yaw_rate = euler_rates(roll, pitch, rates)[2]
     velocity = (p[3], p[4], p[5])
     origin = add((p[0], p[1], p[2]), scale(velocity, now - t))
-    feet = add(origin, rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, vehicle.gear_height_m)))
+    down = rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, 1.0))
+    feet = add(origin, scale(down, vehicle.gear_height_m))
     yaw = wrap(yaw + (now - attitude[0]) * yaw_rate)
     tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(rates[0], rates[1])
     autopilot_yaw = wrap(yaw + poses.heading_offset)
     return VehicleState(
-        feet, velocity, yaw, autopilot_yaw, yaw_rate, tilt, roll_pitch_rate, vehicle, attitude[1]
+        feet=feet,
+        down=down,
+        velocity=velocity,
+        yaw=yaw,
+        autopilot_yaw=autopilot_yaw,
+        yaw_rate=yaw_rate,
+        tilt=tilt,
+        roll_pitch_rate=roll_pitch_rate,
+        airframe=vehicle,
+        attitude=attitude[1],
     )
 
 

@@ -1,7 +1,6 @@
 """The landing's state machine: steps the states, follows transitions, notes how a landing ends."""
 
 import math
-from dataclasses import replace
 
 from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
@@ -239,10 +238,10 @@ class Landing:
             text = pilot_texts.REASONS[event]
             self._orders.say(Severity.CRITICAL, text)
             self._orders.enter(Phase.NOT_LANDING, text)
-        step = replace(step, why=pilot_texts.REASONS.get(event, step.why))
+        step = step._replace(why=pilot_texts.REASONS.get(event, step.why))
         if event in HAND_BACKS:
             self._hand_back(step.why)
-            step = replace(step, granted=False)
+            step = step._replace(granted=False)
         if state is State.TRACKING:
             self._touchdown.begin(step.now)
         self._was_state, self.state = self.state, state

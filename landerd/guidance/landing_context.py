@@ -1,8 +1,7 @@
 """What the states of a landing share: the control step, the sight of the pad, may it begin."""
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
@@ -33,8 +32,7 @@ LEAST_SIGHTINGS = 15
 MOST_REFUSED, MOST_LATE = 0.25, 0.6
 
 
-@dataclass(frozen=True, slots=True)
-class ControlStep:
+class ControlStep(NamedTuple):
     """One control step."""
 
     now: float  # s

@@ -83,10 +83,10 @@ class LookDirection:
         middle = to_pad
         for corners in self._groups:
             rays = [unit((x + c * n - s * e, y + s * n + c * e, z)) for n, e in corners]
-            # The wider of the rectangle's diagonals.
-            diagonal = min(((rays[0], rays[2]), (rays[1], rays[3])), key=lambda d: dot(*d))
-            middle = add(*diagonal)
-            if dot(*diagonal) > math.cos(MAX_GROUP_ANGLE):
+            # Cosines of the rectangle's diagonals: the wider one counts.
+            first, second = dot(rays[0], rays[2]), dot(rays[1], rays[3])
+            middle = add(rays[0], rays[2]) if first <= second else add(rays[1], rays[3])
+            if min(first, second) > math.cos(MAX_GROUP_ANGLE):
                 break
         return scale(middle, 0.5)
 

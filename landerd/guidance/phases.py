@@ -3,7 +3,7 @@
 import math
 
 from landerd.config.models import DescentSection
-from landerd.geometry import Vec3, add, angle_between, clamp, scale, sub, unit
+from landerd.geometry import Vec3, angle_between, clamp, towards, unit
 from landerd.guidance import pilot_texts
 from landerd.guidance.footprint import MAX_LEAN
 from landerd.guidance.relative_state import RelativeState
@@ -66,10 +66,6 @@ def region_height(options: DescentSection, radius: float) -> float:
     if radius <= options.k1_m:
         return 0.0
     return math.log(radius / options.k1_m) / max(options.k2_per_m, 1e-6)
-
-
-def _smoothed(last: Vec3, to: Vec3, share: float) -> Vec3:
-    return unit(add(last, scale(sub(to, last), share)))
 
 
 class Phases:
@@ -168,10 +164,10 @@ class Phases:
         if self.phase is Phase.DESCENT and -relative.error_rate[2] < WAITS_MPS:
             self._waited_s += dt
         k = min(1.0, dt / LEAN_S)
-        self._down = _smoothed(self._down or down, down, k)
-        self._lagging = _smoothed(self._lagging or down, self._down, k)
+        self._down = towards(self._down or down, down, k)
+        self._lagging = towards(self._lagging or down, self._down, k)
         # Both lag a steady change by LEAN_S, the one behind the other.
-        unlagged = unit(add(self._down, sub(self._down, self._lagging)))
+        unlagged = unit(towards(self._lagging, self._down, 2.0))
         self._lean = angle_between(unlagged, relative.normal)
         leans = self._lean > self._most_lean - (UPRIGHT if self.leans else 0.0)
         # Higher up the lean may be that of braking.

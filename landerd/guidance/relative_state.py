@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
@@ -12,8 +13,6 @@ from landerd.geometry import (
     horizontal,
     horizontal_sigma,
     norm,
-    rot_z,
-    rotate,
     sub,
     wrap,
 )
@@ -119,15 +118,8 @@ class RelativeState:
         """Turn rate of the pad's velocity vector, rad/s."""
         return self.pad_coupling * self.pad_turn_rate
 
-    def pad_velocity_ahead(self, dt: float) -> Vec3:
-        """Return the pad's velocity (m/s) dt (s) from now, at a constant turn rate."""
-        if self.course_rate == 0.0:
-            return self.pad_velocity
-        return rotate(rot_z(self.course_rate * dt), self.pad_velocity)
 
-
-@dataclass(frozen=True, slots=True)
-class Sight:
+class Sight(NamedTuple):
     """The pad in sight in one control step, of a vehicle whose own data are fresh."""
 
     relative: RelativeState

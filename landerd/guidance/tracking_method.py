@@ -10,7 +10,7 @@ guidance.tracking: with them every row of `landerd campaign guidance` reaches wh
 """
 
 import math
-from dataclasses import replace
+from typing import NamedTuple
 
 from landerd.config.models import Config, LimitsSection
 from landerd.geometry import Vec3, add, clamp, horizontal, rot_z, rotate
@@ -86,6 +86,14 @@ MAX_INTEGRAL_TURN = math.radians(8.0)
 TURN_KI_SHARE = 0.4  # integral gain over the square of the yaw gain
 
 
+class PadMotion(NamedTuple):
+    """Motion of the pad, smoothed."""
+
+    velocity: Vec3  # local NED, m/s
+    error_rate: Vec3  # that velocity minus the vehicle's, m/s
+    turn_rate: float  # of the heading, rad/s
+
+
 class TrackingMethod:
     """Velocity and yaw rate that bring the vehicle onto the pad."""
 
@@ -158,29 +166,31 @@ class TrackingMethod:
             widening: factor on the descent region's radius.
         """
         gains = self._gains
-        relative = self._smoothed(relative, dt)
-        self._calm(relative, dt)
-        north, east = _error_ahead(relative, self._lead_s)
+        moves = self._smoothed(relative, dt)
+        self._calm(relative, moves, dt)
+        north, east = _error_ahead(relative, moves, self._lead_s)
         distance = math.hypot(north, east)
         kp = self._calmed * self._kp
         closing = min(_braking_speed(distance, kp, self._brake), gains.approach_mps)
         k = closing / distance if distance > 0.0 else 0.0
-        self._integrate(relative, dt)
-        v = relative.pad_velocity_ahead(self._lead_s)
+        self._integrate(relative, moves, dt)
+        course = relative.pad_coupling * moves.turn_rate * self._lead_s
+        v = rotate(rot_z(course), moves.velocity)
         velocity = (
             v[0] + k * north + self._integral[0],
             v[1] + k * east + self._integral[1],
-            relative.heave + self._sink_rate(relative, floor_m, widening),
+            relative.heave + self._sink_rate(relative, moves, floor_m, widening),
         )
-        return self._compensated(velocity, relative), self._yaw_rate(relative, dt)
+        yaw_rate = self._yaw_rate(relative, moves.turn_rate, dt)
+        return self._compensated(velocity, relative, moves), yaw_rate
 
-    def _calm(self, relative: RelativeState, dt: float) -> None:
+    def _calm(self, relative: RelativeState, moves: PadMotion, dt: float) -> None:
         """Lower the gains of a vehicle that oscillates over the pad: it is slower than configured.
 
         Where it oscillates more with lower gains, or still with the lowest, gusts are the cause: it
         gets its gains back, and keeps them until it oscillates more with those.
         """
-        if not self._swing.step(relative.error, relative.error_rate, self._calmed * self._kp, dt):
+        if not self._swing.step(relative.error, moves.error_rate, self._calmed * self._kp, dt):
             return
         grown = LASTS if self._calmed == LEAST_CALMED else MORE
         if self._swing.size > grown * self._swung_m:
@@ -188,13 +198,13 @@ class TrackingMethod:
         self._swung_m = self._swing.size
         self._calmed = max(CALMER * self._calmed, LEAST_CALMED) if self._calms else 1.0
 
-    def _compensated(self, velocity: Vec3, relative: RelativeState) -> Vec3:
+    def _compensated(self, velocity: Vec3, relative: RelativeState, moves: PadMotion) -> Vec3:
         """Return the order by which a slow shaper answers like a quick one: a lead compensator.
 
         It amplifies the missing velocity, but asks for no faster approach than configured.
         """
         north, east, down = velocity
-        pad_north, pad_east, _ = relative.pad_velocity
+        pad_north, pad_east, _ = moves.velocity
         has = relative.vehicle_velocity
         north += self._compensation * (north - has[0]) - pad_north
         east += self._compensation * (east - has[1]) - pad_east
@@ -202,8 +212,8 @@ class TrackingMethod:
         k = min(1.0, most / max(math.hypot(north, east), most))
         return pad_north + k * north, pad_east + k * east, down
 
-    def _smoothed(self, relative: RelativeState, dt: float) -> RelativeState:
-        """Return the state with the pad's horizontal velocity and turn rate smoothed.
+    def _smoothed(self, relative: RelativeState, dt: float) -> PadMotion:
+        """Return the pad's motion with its horizontal velocity and turn rate smoothed.
 
         A swinging airframe makes the pad seem to move a little (through a small delay of gimbal or
         clock), and following that at once keeps it swinging. A pad that sways by more than that is
@@ -232,11 +242,10 @@ class TrackingMethod:
         by = min(lags, shown, MAX_SMOOTHED_MPS) - self._lead_s * accelerates
         share = by / lags if lags > 0.0 else 0.0
         change = (share * off[0], share * off[1], 0.0)
-        return replace(
-            relative,
-            pad_velocity=(north + change[0], east + change[1], down),
+        return PadMotion(
+            velocity=(north + change[0], east + change[1], down),
             error_rate=add(relative.error_rate, change),
-            pad_turn_rate=turn_rate,
+            turn_rate=turn_rate,
         )
 
     def _swings(self, relative: RelativeState, dt: float) -> float:
@@ -255,13 +264,13 @@ class TrackingMethod:
         self._turn_rate = last + k * (relative.pad_turn_rate - last)
         return self._turn_rate
 
-    def _integrate(self, relative: RelativeState, dt: float) -> None:
+    def _integrate(self, relative: RelativeState, moves: PadMotion, dt: float) -> None:
         """Integrate the part of the error that does not close as fast as the gain asks for."""
         distance = relative.distance
         kp, ki = self._calmed * self._kp, self._calmed * self._calmed * self._ki
         if not 0.0 < distance <= INTEGRATED_MPS * (1.0 / kp + self._lead_s):
             return
-        (e_north, e_east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+        (e_north, e_east, _), (v_north, v_east, _) = relative.error, moves.error_rate
         closing = -(e_north * v_north + e_east * v_east) / distance
         step = ki * dt * _stays(distance, closing, kp)
         north, east = self._integral
@@ -270,12 +279,14 @@ class TrackingMethod:
         k = MAX_INTEGRAL_MPS / size if size > MAX_INTEGRAL_MPS else 1.0
         self._integral = (k * north, k * east)
 
-    def _sink_rate(self, relative: RelativeState, floor_m: float, widening: float) -> float:
+    def _sink_rate(
+        self, relative: RelativeState, moves: PadMotion, floor_m: float, widening: float
+    ) -> float:
         """Return the downward speed relative to the pad, m/s; negative to climb."""
-        flat_m = self._too_low_m(relative)
+        flat_m = self._too_low_m(relative, moves)
         if flat_m > 0.0:
             return -min(SINK_RATE_KP * flat_m, self._limits.climb_mps)
-        ahead = math.hypot(*_error_ahead(relative, min(self._lead_s, SINK_LOOKS_AHEAD_S)))
+        ahead = math.hypot(*_error_ahead(relative, moves, min(self._lead_s, SINK_LOOKS_AHEAD_S)))
         off = max(ahead, relative.distance) + 2.0 * relative.sigma_m
         floor = max(floor_m, region_height(self._region, off / widening))
         height = relative.height - self._vertical_lag_s * max(0.0, -relative.error_rate[2])
@@ -288,9 +299,9 @@ class TrackingMethod:
             speed = math.sqrt(self._touchdown_mps**2 + 2.0 * brake * to_go)
         return min(speed, self._limits.descent_mps)
 
-    def _too_low_m(self, relative: RelativeState) -> float:
+    def _too_low_m(self, relative: RelativeState, moves: PadMotion) -> float:
         """Return how much too low the vehicle is to keep a pad that drives away in sight, m."""
-        (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+        (north, east, _), (v_north, v_east, _) = relative.error, moves.error_rate
         leaves = north * v_north + east * v_east  # speed away times distance, m^2/s
         if leaves <= 0.0:
             return 0.0
@@ -298,24 +309,25 @@ class TrackingMethod:
         lags = self._lead_s + 0.5 * leaves / self._limits.acceleration_mps2
         return LEAST_STEEPNESS * (relative.distance + leaves * lags) - relative.height
 
-    def _yaw_rate(self, relative: RelativeState, dt: float) -> float:
-        """Return the yaw rate, rad/s."""
+    def _yaw_rate(self, relative: RelativeState, pad_turn_rate: float, dt: float) -> float:
+        """Return the yaw rate, rad/s; pad_turn_rate: of the pad's heading, smoothed, rad/s."""
         if relative.heading_error is None:
             return 0.0
-        error = relative.heading_error + YAW_LAG_S * (relative.pad_turn_rate - relative.yaw_rate)
+        turns = pad_turn_rate - relative.yaw_rate
+        error = relative.heading_error + YAW_LAG_S * turns
         if relative.height < MIN_TURN_STEEPNESS * relative.distance and abs(error) > SMALL_TURN:
             return 0.0
         max_rate = math.radians(self._limits.yaw_rate_deg_s)
         turn = math.copysign(_braking_speed(abs(error), self._yaw_kp, YAW_BRAKE), error)
-        self._integrate_turn(relative.heading_error, relative, dt)
-        wanted = relative.pad_turn_rate + turn + self._turn_integral
+        self._integrate_turn(relative.heading_error, turns, dt)
+        wanted = pad_turn_rate + turn + self._turn_integral
         return clamp(wanted, -max_rate, max_rate)
 
-    def _integrate_turn(self, error: float, relative: RelativeState, dt: float) -> None:
+    def _integrate_turn(self, error: float, error_rate: float, dt: float) -> None:
         kp = self._yaw_kp
         if not 0.0 < abs(error) <= MAX_INTEGRAL_TURN / kp:
             return
-        closing = math.copysign(1.0, error) * (relative.yaw_rate - relative.pad_turn_rate)
+        closing = -math.copysign(1.0, error) * error_rate
         step = TURN_KI_SHARE * kp * kp * dt * _stays(abs(error), closing, kp) * error
         self._turn_integral = clamp(
             self._turn_integral + step, -MAX_INTEGRAL_TURN, MAX_INTEGRAL_TURN
@@ -339,8 +351,8 @@ def _quickest_lag(jerk: float, limits: LimitsSection, shaper_s: float) -> float:
     return math.sqrt(MAX_KP_LEAD) * math.cbrt(LINEAR_ERROR_M / jerk)
 
 
-def _error_ahead(relative: RelativeState, lead_s: float) -> tuple[float, float]:
-    (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+def _error_ahead(relative: RelativeState, moves: PadMotion, lead_s: float) -> tuple[float, float]:
+    (north, east, _), (v_north, v_east, _) = relative.error, moves.error_rate
     return north + lead_s * v_north, east + lead_s * v_east
 
 

@@ -1,7 +1,6 @@
 import math
 import random
 from collections.abc import Iterable
-from dataclasses import replace
 
 import pytest
 
@@ -247,7 +246,7 @@ def test_a_late_gimbal_on_a_nimble_airframe_is_not_taken_for_the_pads_motion() -
         late = matscale(outer((sweep, 0.0, 0.0), (sweep, 0.0, 0.0)), 2.0 * 0.002**2)
         off = (0.006 * sweep + noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005), 0.0)
         seen = sighting(t, add(PAD, off), covariance=close, arm=(0.0, 0.0, range_m))
-        pad_filter.update([replace(seen, telemetry_noise=late)])
+        pad_filter.update([seen._replace(telemetry_noise=late)])
         if t > 5.0:
             fastest = max(fastest, horizontal(estimate(pad_filter, t).velocity))
     assert fastest < 0.25
@@ -276,7 +275,7 @@ def test_a_lens_that_points_off_moves_a_pad_no_longer_when_the_vehicle_has_stopp
     for t in times(200):
         arm = max(1.0, 15.0 - 3.0 * t)
         seen = sighting(t, add(PAD, (0.0, error * arm, 0.0)), covariance=close, biases=FROM_ABOVE)
-        pad_filter.update([replace(seen, arm=(0.0, 0.0, arm))])
+        pad_filter.update([seen._replace(arm=(0.0, 0.0, arm))])
         found = pad_filter.estimate(t)
         if found is not None and t > 2.0:
             assert abs(found.velocity[1]) < 1.2 * error * 3.0
@@ -296,7 +295,7 @@ def test_ranges_that_err_from_picture_to_picture_tell_nothing_of_the_lens(seed: 
         aside = (0.08 * off + noise.gauss(0.0, 0.003), noise.gauss(0.0, 0.003), off)
         biases = FROM_ABOVE._replace(range_share=0.01 + 0.05 * off)
         seen = sighting(t, add(PAD, aside), covariance=covariance, biases=biases)
-        pad_filter.update([replace(seen, arm=add((0.0, 0.0, 2.4), aside))])
+        pad_filter.update([seen._replace(arm=add((0.0, 0.0, 2.4), aside))])
     found = pad_filter.sensor_errors
     assert math.degrees(math.hypot(found.up, found.right)) < 1.0
     assert math.degrees(found.sigma_right) > 0.8
@@ -318,7 +317,7 @@ def test_a_gimbals_noise_about_the_line_of_sight_tells_nothing_of_the_lens(seed:
         seen = sighting(
             t, add(PAD, sub(arm, (1.2, 0.0, 6.0))), covariance=covariance, biases=biases
         )
-        pad_filter.update([replace(seen, arm=arm)])
+        pad_filter.update([seen._replace(arm=arm)])
     found = pad_filter.sensor_errors
     assert abs(math.degrees(found.up)) < 1.5  # with the newest axes: 3.4 to 4.1
 
@@ -663,7 +662,7 @@ def test_headings_noisier_than_stated_are_not_taken_for_a_turning_pad() -> None:
     fastest = furthest = 0.0
     for t in (0.1 * i for i in range(600)):
         heading = 1.0 + math.radians(noise.gauss(0.0, 0.8))
-        seen = replace(sighting(t, PAD, heading=heading), sigma_heading=math.radians(0.1))
+        seen = sighting(t, PAD, heading=heading)._replace(sigma_heading=math.radians(0.1))
         pad_filter.update([seen])
         if t > 3.0:
             ahead = estimate(pad_filter, t + 0.2)
@@ -682,7 +681,7 @@ def test_a_pad_that_begins_to_turn_is_turned_with_at_once() -> None:
     for t in (i / 8.0 for i in range(45)):
         true = rate * max(0.0, t - 5.0)
         heading = true + math.radians(noise.gauss(0.0, 0.3))
-        pad_filter.update([replace(sighting(t, PAD, heading=heading), sigma_heading=0.002)])
+        pad_filter.update([sighting(t, PAD, heading=heading)._replace(sigma_heading=0.002)])
     found = estimate(pad_filter, t)
     assert found.heading == pytest.approx(true, abs=math.radians(2.0))
     assert found.turn_rate == pytest.approx(rate, rel=0.25)
@@ -695,7 +694,7 @@ def test_a_heading_learned_from_two_pictures_does_not_turn_the_pads_velocity() -
     for i in range(93):
         t = i / RATE
         seen = sighting(t, (5.0 * t, 0.0, 0.0), heading=askew.get(i, 0.0), covariance=CLOSE)
-        pad_filter.update([replace(seen, sigma_heading=0.01)])
+        pad_filter.update([seen._replace(sigma_heading=0.01)])
     later = estimate(pad_filter, t + 1.0)
     assert later.velocity == pytest.approx((5.0, 0.0, 0.0), abs=0.2)
 

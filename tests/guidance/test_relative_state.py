@@ -1,5 +1,4 @@
 import math
-from dataclasses import replace
 
 import pytest
 
@@ -74,7 +73,7 @@ def test_the_plane_of_a_tilted_pad_counts_only_near_the_pad() -> None:
     tilted = (-math.sin(math.radians(10.0)), 0.0, math.cos(math.radians(10.0)))
     over, far = (
         RelativeState.between(
-            vehicle(flying()), replace(pad((1.0 + north, 2.0, 0.0)), normal=tilted), 0.0
+            vehicle(flying()), pad((1.0 + north, 2.0, 0.0))._replace(normal=tilted), 0.0
         )
         for north in (0.5, -30.0)
     )
