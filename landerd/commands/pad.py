@@ -19,6 +19,7 @@ from landerd.commands.shared import (
 )
 from landerd.config.files import config_dir, config_files
 from landerd.pad import Marker, PadError, PadLayout, load_pad, size_m
+from landerd.preflight.configuration import pad_findings
 from landerd.printing.contours import plate_size_mm, reaching_out
 from landerd.printing.measured import RULER, length_m, marker_names, measured, pad_file
 from landerd.printing.page import Document
@@ -227,6 +228,9 @@ def _layout(args: argparse.Namespace, view: View) -> PadLayout:
     layout = load_pad(pad_path(name))
     for marker in reaching_out(layout):
         raise InputError(f"{name}: the {marker.kind} reaches over the plate's edge; see plate:")
+    for finding in pad_findings(layout):
+        if finding.level != "ok":
+            tell(f"{name}: {finding.what}; {finding.mend}")
     if not args.measured:
         return layout
     lengths_m = dict(args.measured)

@@ -5,6 +5,7 @@ damaged is left out and noted; reading ends when the beginning of the next part 
 """
 
 import json
+import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -188,8 +189,11 @@ def _parts(path: Path, stream: BinaryIO, size: int, notes: list[str]) -> Iterato
             return
         except _DAMAGE as e:
             if _is_lost(e, stream.tell(), size):
-                left = f"the last {size - at} of {size} bytes are an unfinished part"
-                notes.append(f"{path}: recording was cut off; {left}")
+                stream.seek(-len(_MAGIC), os.SEEK_END)
+                is_finished = stream.read() == _MAGIC
+                what = "damaged" if is_finished else "recording was cut off"
+                left = f"the last {size - at} of {size} bytes are left out"
+                notes.append(f"{path}: {what}; {left}")
                 return
             notes.append(f"{path}: damaged, bytes {at} to {stream.tell()} are left out")
             at = stream.tell()

@@ -385,3 +385,14 @@ def test_slips_of_the_pen_in_arguments_and_pad_files_are_refused(
     assert main(["pad", *arguments, "-o", str(output)]) == 2
     assert expected in capsys.readouterr().err
     assert not output.exists()
+
+
+def test_markers_that_lie_over_each_other_are_told_before_they_are_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "over.yaml"
+    file.write_text(TURNED.replace("[0.19, 0.1]", "[0.15, 0.1]"))
+    assert main(["pad", str(file), "-o", str(tmp_path / "over.pdf")]) == 0
+    assert "aruco 3 of 90 mm lie over each other" in capsys.readouterr().err
+    assert main(["pad", "-o", str(tmp_path / "thesis.pdf")]) == 0
+    assert capsys.readouterr().err == ""

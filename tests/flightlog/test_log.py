@@ -129,6 +129,17 @@ def test_damage_loses_one_part_of_the_log_and_is_reported(data: bytes, tmp_path:
         assert replay(log, Config()).comparison.identical
 
 
+def test_a_hole_in_a_log_is_told_from_a_recording_that_was_cut_off(
+    data: bytes, tmp_path: Path
+) -> None:
+    whole, half = read(tmp_path, data), len(data) // 2
+    holed = read(tmp_path, data[:half] + data[half + 5000 :])
+    assert 0 < len(holed.steps) < len(whole.steps)
+    assert not any("cut off" in note for note in holed.notes)
+    assert any("damaged" in note for note in holed.notes)
+    assert any("cut off" in note for note in read(tmp_path, data[:half]).notes)
+
+
 def test_random_bytes_never_raise_anything_else(data: bytes, tmp_path: Path) -> None:
     rng = random.Random(8)
     for _ in range(30):
