@@ -17,7 +17,6 @@ The marker is that of Krajnik et al. (see `pad.WhyCode`). Its search is not unde
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +26,7 @@ from landerd.messages import EDGES, GREY
 from landerd.pad import PadLayout, WhyCode, rotated
 from landerd.vision.arrays import Image
 from landerd.vision.expected import Expected
+from landerd.vision.patch import levels_at
 from landerd.vision.pose import (
     MIN_DEPTH_M,
     SAME_SOLUTION_COS,
@@ -81,6 +81,9 @@ _MIN_DECISION_MARGIN = 0.45
 # bit of -0.04, where one in ten could be read. It is computed from logarithms of the levels plus
 # the last, so that shade does not matter.
 _MIN_AGREEMENT, _MIN_BIT_FOUND, _MIN_BIT_KNOWN, _DARK = 0.35, 0.05, -0.15, 10.0
+# Share of a bit's cell that must be in the image, and share of such bits of a code known to be
+# there: just over the pad the image cuts the band.
+_MIN_IN_VIEW = 0.5
 
 # ---- fits --------------------------------------------------------------------------------------
 # Share of the pixels' variance that the fit of a code known to be there must explain: small and
@@ -341,7 +344,7 @@ class WhyCodeFinder:
         if self._carries(image, code, pose):
             return True
         if is_known:
-            return self._agrees(image, code, pose, _MIN_BIT_KNOWN)
+            return _agrees_in_view(image, self._camera, pose, code)
         if not self._agrees(image, code, pose, _MIN_BIT_FOUND):
             return False
         return self._edges[code].fit_hidden(image, self._camera, pose) is not None
@@ -372,7 +375,7 @@ def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int
         radius: of the ring's outer edge, m.
         bits: cells in the band.
     """
-    level = _band(image, camera, pose, radius, bits * _SAMPLES_PER_BIT)
+    level = _whole_band(image, camera, pose, radius, bits * _SAMPLES_PER_BIT)
     if level is None:
         return None
     differences, first = _differences(level)
@@ -407,7 +410,7 @@ def _alike(
         code: that may be there.
         least: agreement that each of its bits must have.
     """
-    level = _band(image, camera, pose, radius, code.bits * _SAMPLES_PER_BIT)
+    level = _whole_band(image, camera, pose, radius, code.bits * _SAMPLES_PER_BIT)
     if level is None:
         return None
     light = np.log(level + _DARK)
@@ -420,6 +423,26 @@ def _alike(
         return None
     turn = -2.0 * math.pi * (first / len(level) + n / code.bits)
     return float(mean[n]), math.remainder(turn, 2.0 * math.pi)
+
+
+def _agrees_in_view(image: Image, camera: CameraModel, pose: Pose, code: WhyCode) -> bool:
+    """Tell whether those bits of a code that are in the image agree with it under its pose."""
+    levels = _band(image, camera, pose, code.radius_m, code.bits * _SAMPLES_PER_BIT)
+    if levels is None:
+        return False
+    light = np.log(levels + _DARK).reshape(len(_BAND_RADII), code.bits, _SAMPLES_PER_BIT)
+    half = _SAMPLES_PER_BIT // 2
+    # Samples of a cell's first half less those as far from its middle in the second.
+    steps = light[..., :half] - light[..., : -half - 1 : -1]
+    is_in = ~np.isnan(steps)
+    weight = _HALVES[:half] * is_in
+    share = weight.sum(axis=(0, 2)) / len(_BAND_RADII)
+    is_told = share > _MIN_IN_VIEW
+    if np.mean(is_told) < _MIN_IN_VIEW:
+        return False
+    mean = (weight * np.where(is_in, steps, 0.0)).sum(axis=(0, 2))[is_told] / share[is_told]
+    agreement = np.where(bits_of(code)[is_told], mean, -mean) / np.ptp(light[~np.isnan(light)])
+    return bool(agreement.mean() >= _MIN_AGREEMENT and agreement.min() >= _MIN_BIT_KNOWN)
 
 
 def _differences(level: NDArray[np.floating]) -> tuple[F64, int]:
@@ -437,24 +460,34 @@ def _differences(level: NDArray[np.floating]) -> tuple[F64, int]:
     return differences[first], first
 
 
+def _whole_band(
+    image: Image, camera: CameraModel, pose: Pose, radius: float, samples: int
+) -> NDArray[np.floating] | None:
+    """Return the mean grey level along a code band (samples,), see `_band`.
+
+    None: it is not wholly in the image, or too even to be one.
+    """
+    levels = _band(image, camera, pose, radius, samples)
+    if levels is None or np.isnan(levels).any():
+        return None
+    level: NDArray[np.floating] = levels.mean(axis=0)
+    return level if float(np.ptp(level)) >= _MIN_CONTRAST else None
+
+
 def _band(
     image: Image, camera: CameraModel, pose: Pose, radius: float, samples: int
 ) -> NDArray[np.floating] | None:
-    """Return the grey level along a code band (samples,), anticlockwise from the frame's east.
+    """Return grey levels on circles along a code band (circles, samples), NaN out of the image.
 
-    None: it is not wholly in the image, or too even to be one.
+    Samples go anticlockwise from the frame's east. None: the band reaches behind the lens.
     """
     a = (np.arange(samples) + 0.5) * (2.0 * math.pi / samples)
     directions = np.column_stack([np.sin(a), np.cos(a)]) @ pose.R[:, :2].T
     points = pose.t + (radius * np.array(_BAND_RADII))[:, None, None] * directions
     if points[..., 2].min() < 0.02 * radius:
         return None
-    px = camera.pixels(points.reshape(-1, 3)).astype(np.float32)
-    if not (px.min() >= 0.0 and (px <= (camera.width - 1, camera.height - 1)).all()):
-        return None
-    grey = cv2.remap(image, px[None, :, 0], px[None, :, 1], cv2.INTER_LINEAR)
-    level: NDArray[np.floating] = grey.reshape(len(_BAND_RADII), samples).mean(axis=0)
-    return level if float(np.ptp(level)) >= _MIN_CONTRAST else None
+    levels: NDArray[np.floating] = levels_at(image, camera, points.reshape(-1, 3))
+    return levels.reshape(len(_BAND_RADII), samples)
 
 
 def _top_angle(reading: Reading, code: WhyCode) -> float | None:

@@ -215,6 +215,23 @@ def test_a_descent_keeps_number_north_and_normal() -> None:
         assert math.dist(found.pad[0].position, view.position) < 0.03
 
 
+def test_a_code_is_followed_down_to_where_the_image_cuts_its_teeth() -> None:
+    """No other number is taken for it there, except 7: the bit that differs is out of the image."""
+    vision = Vision(pad(5), CAMERA, VisionSection())
+    rng = np.random.default_rng(4)
+    for i in range(15):
+        view = look(2.4 * 0.94**i, 5.0)
+        image = scenes.render(view, CAMERA, scenes.Optics(), rng, pad(5))
+        found = vision.process(Frame(i / 30.0, i, image))
+        assert math.dist(found.pad[0].position, view.position) < 0.01
+        assert abs(yaw_error_deg(found.markers[0], view)) < 0.5
+    for number in (1, 3, 11, 13, 15, 23, 31):
+        for turn_deg in range(0, 360, 60):
+            other = look(1.0, 5.0, 25.0 + turn_deg)
+            image = scenes.render(other, CAMERA, scenes.Optics(), rng, pad(number))
+            assert vision.process(Frame(0.5, 15, image)).markers == ()
+
+
 def across(view: scenes.View, darkness: float, heading: float) -> scenes.Optics:
     """Return light with a hard shadow's edge across the code."""
     x, y = CAMERA.pixels(np.array([view.position]))[0]
