@@ -20,7 +20,7 @@ from landerd.messages import MarkerSighting, PoseSolution, Prior
 from landerd.pad import PadLayout, Ring, Square, WhyCode, size_m
 from landerd.vision.linear import solved
 from landerd.vision.marker_errors import MarkerErrors
-from landerd.vision.pad_pose import Measurement, pad_poses
+from landerd.vision.pad_pose import Measurement, pad_poses, tilt_information
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
 from landerd.vision.square_pose import corner_information
 
@@ -117,7 +117,10 @@ def _bent(candidate: Candidate, bend: float) -> Candidate:
         # whose information of the heading is zero.
         known = pose.information
         both = known + corner_information(pose, size, bend)
-        poses.append(replace(pose, information=known - known @ solved(both, known)))
+        left = known - known @ solved(both, known)
+        # What is left of the tilt's information is left of what tells the solutions apart.
+        share = tilt_information(left, pose.normal) / tilt_information(known, pose.normal)
+        poses.append(replace(pose, information=left, cost=share * pose.cost))
     return replace(candidate, measurement=replace(candidate.measurement, poses=tuple(poses)))
 
 

@@ -153,7 +153,9 @@ def in_order(measured: list[Measurement]) -> list[Measurement]:
     Each of its solutions is a start for the joint pose; of the others the nearest one is used.
     """
     turned = [_to_pad_axes(m) for m in measured]
-    return sorted(turned, key=lambda m: -_tilt_information(m.poses[0]))
+    return sorted(
+        turned, key=lambda m: -tilt_information(m.poses[0].information, m.poses[0].normal)
+    )
 
 
 def joint_poses(
@@ -248,11 +250,10 @@ def _to_pad_axes(m: Measurement) -> Measurement:
     return replace(m, poses=poses)
 
 
-def _tilt_information(pose: Pose) -> float:
-    """Return the information about the two directions of the normal, summed, 1/rad^2."""
-    n = pose.normal
-    turn = pose.information[3:, 3:]
-    return float(np.trace(turn) - n @ turn @ n)
+def tilt_information(information: F64, normal: F64) -> float:
+    """Return that about the two directions of a pose's normal, summed, 1/rad^2."""
+    turn = information[3:, 3:]
+    return float(np.trace(turn) - normal @ turn @ normal)
 
 
 def _has_north(measured: list[Measurement]) -> bool:

@@ -13,7 +13,16 @@ from landerd.vision import Vision
 from landerd.vision.choice import Candidate, choose
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import ring_measurement
-from tests.vision.scenes import IDEAL_CAMERA, THESIS_CAMERA, THESIS_PAD, U8, Optics, look, render
+from tests.vision.scenes import (
+    IDEAL_CAMERA,
+    THESIS_CAMERA,
+    THESIS_PAD,
+    U8,
+    Bar,
+    Optics,
+    look,
+    render,
+)
 
 LARGE = Ring(kind="whycon", outer_diameter_m=1.0)
 SMALL = Ring(kind="whycon", outer_diameter_m=0.2, inner_ratio=0.5)
@@ -82,3 +91,16 @@ def test_a_ring_is_not_given_up_for_a_tag_bent_by_a_wobbling_rolling_shutter(see
     assert error @ np.linalg.solve(np.array(pad.covariance), error) < 16.3  # 99.9 %
     assert pad.north is not None
     assert np.dot(pad.north, view.R_camera_pad[:, 0]) > math.cos(math.radians(8.0))
+
+
+def test_a_leg_across_the_tag_does_not_turn_the_pad_over_beside_a_clear_ring() -> None:
+    """The tag alone told its mirrored pose, surely: the pad was 0.65 m off, the ring left out."""
+    view = look(THESIS_CAMERA, 5.63, 0.637, pixel=(300.0, 230.0), tilt_towards=0.89, heading=0.234)
+    tag = np.array(view.position) + 0.75 * view.R_camera_pad[:, 0]
+    x, y = THESIS_CAMERA.pixels(tag[None])[0]
+    leg = Bar((x + 8.1, y + 10.1), (math.cos(2.46), math.sin(2.46)), 5.86, 57.9)
+    optics = Optics(white=170.0, black=71.9, noise=1.69, blur_px=0.854, bar=leg)
+    image = render(view, THESIS_CAMERA, optics, np.random.default_rng(125))
+    seen = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection()).process(Frame(0.0, 0, image))
+    assert {m.kind for m in seen.markers} == {"whycon", "apriltag"}
+    assert math.dist(seen.pad[0].position, view.position) < 0.05
