@@ -188,6 +188,11 @@ class Lander:
         if dt <= 0.0:
             return []
         self._estimator.on_tick(now)
+        if self._landing.has_stood:
+            # The pad stays in the picture, wherever it carries the vehicle: by its known velocity
+            # the lens was turned away from one that turned off under the feet.
+            self._aim.hold(now)
+            return [self._aim.command, *self._landing.step(now, dt)]
         direction = self._look(now)
         vehicle = self._estimator.vehicle(now) if direction is None else None  # to search by
         course = vehicle.course if vehicle is not None else None

@@ -95,6 +95,10 @@ class Aim:
             last.pitch + k * (angles[1] - last.pitch - y / z),
         )
 
+    def hold(self, now: float) -> None:
+        """Stay as it is, at time now (s)."""
+        self._t = now
+
     def on_tick(
         self,
         now: float,

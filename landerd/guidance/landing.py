@@ -94,10 +94,14 @@ class Landing:
         return self._orders.phase
 
     @property
+    def has_stood(self) -> bool:
+        """Whether the vehicle has come to stand on the pad, whatever that has done since."""
+        return self.state is State.ON_PAD and self._touchdown.stands
+
+    @property
     def stands(self) -> bool:
         """Whether the vehicle stands still on the pad, as far as is known."""
-        on_pad = self.state is State.ON_PAD and self._touchdown.stands
-        return on_pad and not self._context.below.leaves_behind(self._now)
+        return self.has_stood and not self._context.below.leaves_behind(self._now)
 
     @property
     def reason(self) -> str:

@@ -1347,6 +1347,22 @@ def test_levelled_as_it_slid_and_blown_off_then_it_has_not_landed_on_the_pad(
     assert flight.lander.outcome == outcome
 
 
+def test_a_pad_that_turns_off_under_the_vehicle_that_stands_on_it_stays_in_the_picture() -> None:
+    """The lens was turned to where it would have driven: disarmed beside the pad, it was said."""
+    flight = Flight(pad_velocity=(2.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    while not flight.pressed:
+        flight.tick()
+    flight.pad_velocity, flight.visible = (0.0, 2.0, 0.0), False
+    flight.run(2.0)
+    right, down, ahead = flight.sighting().markers[0].solutions[0].position
+    assert math.hypot(right, down) < 0.6 * ahead
+    flight.visible, flight.detects_landing = True, True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "landed"
+
+
 def test_a_search_that_finds_nothing_ends_with_stop_orders_and_a_hand_back() -> None:
     config = Config.model_validate({"guidance": {"lost": {"give_up_s": 2.0}}})
     flight = Flight(config=config).engaged()
