@@ -129,12 +129,19 @@ class Phases:
             relative: pad relative to vehicle.
             off_m: distance of the newest sighting from the estimate, m: the pad may have jumped.
         """
-        radius = self._radius(relative.least_height)
+        return self.farthest_m(relative, off_m) < self.radius_m(relative)
+
+    def farthest_m(self, relative: RelativeState, off_m: float = 0.0) -> float:
+        """Return how far from the landing point it may be in a moment; arguments as above, m."""
         (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
         distance = relative.distance
         outward = (north * v_north + east * v_east) / max(distance, MIN_DISTANCE_M)
         leaves = LEAVES_S * max(0.0, outward - 2.0 * relative.sigma_velocity)
-        return distance + off_m + leaves + 2.0 * relative.sigma_m < radius
+        return distance + off_m + leaves + 2.0 * relative.sigma_m
+
+    def radius_m(self, relative: RelativeState) -> float:
+        """Return the descent region's radius where the vehicle is, m."""
+        return self._radius(relative.least_height)
 
     @property
     def floor_m(self) -> float:
@@ -286,7 +293,7 @@ class Phases:
         error = relative.heading_error
         if self.phase is Phase.YAW_CORRECTION and error is not None and not self._aligned:
             return pilot_texts.TURNING.format(error=abs(math.degrees(error)))
-        known, radius = 2.0 * relative.sigma_m, self._radius(relative.least_height)
+        known, radius = 2.0 * relative.sigma_m, self.radius_m(relative)
         if relative.distance < radius < known:
             return pilot_texts.UNSURE.format(known=known, radius=radius)
         height = round(relative.height, 1) + 0.0  # not -0.0

@@ -12,7 +12,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | sight suffices still; again after REMIND_S | WARNING | MANY_REFUSED, LATE_PICTURES |
 | own data are missing for moments, again after REMIND_S | WARNING | NOW_AND_THEN |
 | its climb rate is wrong, again after REMIND_S | WARNING | WRONG_CLIMB_RATE |
-| it does not come to descend over the pad, every REMIND_S | WARNING | the reason |
+| it does not come to descend over the pad, every REMIND_S | WARNING | the reason, or KEPT_OFF |
 | velocities are not flown as ordered, every `state_flying.UNFOLLOWED_S` | WARNING | UNFOLLOWED |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
 | held up higher over the pad than the build allows | WARNING | TOUCHED_HIGH |
@@ -70,6 +70,8 @@ UNDER_WAY = "{distance:.1f} m away, {height:.1f} m up"
 HOLDING_OVER = "holding over the marker, switch to land"
 TURNING = "heading {error:.0f} degrees off"
 UNSURE = "pad known to {known:.1f} m, descends with {radius:.1f}"
+# In DESCENT: as far as it came since it last got lower.
+KEPT_OFF = "up to {off:.1f} m off, descends within {radius:.1f} m"
 NO_HEADING = "pad's heading not seen"
 NO_HEADING_CLIMBING = "pad's heading not seen, climbing again"
 LEANS = "leans too far: {lean:.0f} degrees"

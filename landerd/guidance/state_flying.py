@@ -29,6 +29,9 @@ BLIND_CLIMB_S = 2.0
 # with a memory of so long, s. With 2.5 positions a second the vehicle hovered over the pad for 105
 # s, until its time was over, and nobody was told why.
 MOMENTS_S, MOMENTS_MEMORY_S = 0.8, 5.0
+# A vehicle in DESCENT that gets lower by less than this, m, within pilot_texts.REMIND_S waits.
+# Gusts kept one 4 m up for 30 s, and nobody was told why.
+GETS_LOWER_M = 0.1
 # Time inside the descent region before the descent begins, s: at its edge one picture's error is
 # enough to look inside.
 SETTLED_S = 0.15
@@ -64,6 +67,10 @@ class Tracking:
         self._heading_t = 0.0
         self._waits_t = 0.0  # last time that it did not wait to descend, or told why, s
         self._holds = False  # where the pilot asked to, and he was told
+        self._lowest_m = math.inf  # over the pad, in DESCENT
+        # Since it last got lower: how far from the landing point it came, m, and why it cannot
+        # descend there, for the pilot.
+        self._farthest_m, self._kept_off = 0.0, ""
         self._outside_t = -math.inf  # last time outside the descent region, s
         self._seen_from = 0.0  # since when the pad has been in sight without a break, s
         self._followed_t = 0.0  # last time that the vehicle flew as ordered, s
@@ -83,6 +90,7 @@ class Tracking:
             context.orders.go_on_from((north, east, down))
         self._heading_t = self._waits_t = self._seen_from = self._followed_t = step.now
         self._holds = False
+        self._lowest_m = math.inf
         context.attempts.begin(step.now)
         context.attempts.outcome = None
         self._phases.restart()
@@ -165,8 +173,10 @@ class Tracking:
     def _may_descend(self, now: float, sight: Sight, floor_m: float) -> bool:
         """Tell whether it may descend, to floor_m over the pad; called at every control step."""
         context, phases, relative = self._context, self._phases, sight.relative
-        if not phases.may_descend(relative, context.estimator.inconsistency.off_m):
+        off_m = context.estimator.inconsistency.off_m
+        if not phases.may_descend(relative, off_m):
             self._outside_t = now
+            self._note_outside(relative, off_m)
         is_inside = now - self._outside_t >= SETTLED_S
         is_sure = relative.heading_error is not None or now - self._seen_from >= RING_ALONE_S
         is_blind = phases.is_blind(relative, sight.age)
@@ -209,9 +219,15 @@ class Tracking:
             return Event.NO_LANDING_POSSIBLE
         if not context.hold_asked:
             context.attempts.begin(step.now)
+        if phase is Phase.APPROACH or phases.goes_around:
+            self._lowest_m = math.inf
         waits = phase is Phase.YAW_CORRECTION and not context.hold_asked
         near = phase is Phase.CLOSE_APPROACH and not context.hold_asked
-        self._tell_of_wait(step.now, why if near or waits else "")
+        if not (near or waits):
+            why = ""
+        if phase is Phase.DESCENT and not self._gets_lower(relative):
+            why = self._kept_off
+        self._tell_of_wait(step.now, why)
         if not waits or (relative.heading_error is not None and not phases.leans):
             self._heading_t = step.now
         elif step.now - self._heading_t > context.options.lost.give_up_s:
@@ -253,6 +269,21 @@ class Tracking:
         elif now - self._waits_t > pilot_texts.REMIND_S:
             self._context.orders.say(Severity.WARNING, why)
             self._waits_t = now  # as the figures change `say` would repeat it at once
+
+    def _gets_lower(self, relative: RelativeState) -> bool:
+        """Tell whether it comes to descend; called at every control step in DESCENT."""
+        if relative.height > self._lowest_m - GETS_LOWER_M:
+            return False
+        self._lowest_m, self._farthest_m, self._kept_off = relative.height, 0.0, ""
+        return True
+
+    def _note_outside(self, relative: RelativeState, off_m: float) -> None:
+        """Note how far outside the descent region it is."""
+        farthest_m = self._phases.farthest_m(relative, off_m)
+        if farthest_m > self._farthest_m:
+            radius_m = self._phases.radius_m(relative)
+            self._farthest_m = farthest_m
+            self._kept_off = pilot_texts.KEPT_OFF.format(off=farthest_m, radius=radius_m)
 
     def _tell_of_hold(self, phase: Phase, relative: RelativeState) -> None:
         """Tell the pilot, once, that the vehicle holds where he asked and waits for him."""

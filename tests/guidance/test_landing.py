@@ -1363,6 +1363,20 @@ def test_a_pad_that_turns_off_under_the_vehicle_that_stands_on_it_stays_in_the_p
     assert flight.lander.outcome == "landed"
 
 
+def test_gusts_that_keep_it_from_descending_are_told() -> None:
+    """Once it was kept at 4 m for 30 s and handed back, and nothing was said meanwhile."""
+    flight = Flight().engaged().until(Phase.DESCENT)
+    while flight.height > 4.0:
+        flight.tick()
+    before = len(flight.texts)
+    for k in range(round(20.0 / DT)):
+        north, east, down = flight.position
+        flight.position = (north + 1.5 * DT * math.cos(2.0 * k * DT), east, down)
+        flight.tick()
+    told = [text for text in flight.texts[before:] if "descends within 0." in text]
+    assert told, flight.texts[before:]
+
+
 def test_a_search_that_finds_nothing_ends_with_stop_orders_and_a_hand_back() -> None:
     config = Config.model_validate({"guidance": {"lost": {"give_up_s": 2.0}}})
     flight = Flight(config=config).engaged()

@@ -19,6 +19,7 @@ WIDEST = {
     "id": 999,
     "known": 99.9,
     "radius": 99.9,
+    "off": 99.9,
     "what": pilot_texts.SEARCHING,
 }
 BLIND_REASONS = (
