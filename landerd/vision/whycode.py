@@ -428,7 +428,7 @@ def _alike(
 def _agrees_in_view(image: Image, camera: CameraModel, pose: Pose, code: WhyCode) -> bool:
     """Tell whether those bits of a code that are in the image agree with it under its pose."""
     levels = _band(image, camera, pose, code.radius_m, code.bits * _SAMPLES_PER_BIT)
-    if levels is None:
+    if levels is None or not _has_contrast(levels[~np.isnan(levels)]):
         return False
     light = np.log(levels + _DARK).reshape(len(_BAND_RADII), code.bits, _SAMPLES_PER_BIT)
     half = _SAMPLES_PER_BIT // 2
@@ -471,7 +471,12 @@ def _whole_band(
     if levels is None or np.isnan(levels).any():
         return None
     level: NDArray[np.floating] = levels.mean(axis=0)
-    return level if float(np.ptp(level)) >= _MIN_CONTRAST else None
+    return level if _has_contrast(level) else None
+
+
+def _has_contrast(levels: NDArray[np.floating]) -> bool:
+    """Tell whether grey levels differ enough to be those of a code band."""
+    return levels.size > 0 and float(np.ptp(levels)) >= _MIN_CONTRAST
 
 
 def _band(
