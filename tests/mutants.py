@@ -184,7 +184,7 @@ MUTANTS = [
     Mutant(
         "2: sinks on while the newest sighting shows the pad elsewhere",
         FLYING,
-        "phases.may_descend(relative, context.estimator.inconsistency.off_m)",
+        "phases.may_descend(relative, off_m)",
         "phases.may_descend(relative)",
         "simulation/test_faults.py::test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere",
     ),
@@ -233,8 +233,8 @@ MUTANTS = [
     Mutant(
         "2: descends outside the region",
         PHASES,
-        "return distance + off_m + leaves + 2.0 * relative.sigma_m < radius",
-        "return radius > 0.0",
+        "return self.farthest_m(relative, off_m) < self.radius_m(relative)",
+        "return self.radius_m(relative) > 0.0",
         "test_2_no_descent_outside_the_region",
     ),
     Mutant(
