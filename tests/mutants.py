@@ -1134,8 +1134,8 @@ MUTANTS = [
     Mutant(
         "6: landed is told of what was blown off the pad after it was levelled",
         ON_PAD,
-        "stands = touchdown.stands and not context.below.leaves_behind(step.now)",
-        "stands = touchdown.stands",
+        "stands = touchdown.has_rested and not context.below.leaves_behind(step.now)",
+        "stands = touchdown.has_rested",
         "guidance/test_landing.py::"
         "test_levelled_as_it_slid_and_blown_off_then_it_has_not_landed_on_the_pad",
     ),

@@ -101,7 +101,8 @@ class Landing:
     @property
     def stands(self) -> bool:
         """Whether the vehicle stands still on the pad, as far as is known."""
-        return self.has_stood and not self._context.below.leaves_behind(self._now)
+        rests = self.has_stood and self._touchdown.has_rested
+        return rests and not self._context.below.leaves_behind(self._now)
 
     @property
     def reason(self) -> str:

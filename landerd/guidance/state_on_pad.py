@@ -129,7 +129,7 @@ def _stand_level(
         if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.below.heaves:
             touchdown.press(step.now)
             level = False
-        stands = touchdown.stands and not context.below.leaves_behind(step.now)
+        stands = touchdown.has_rested and not context.below.leaves_behind(step.now)
         velocity = context.below.velocity
         context.footprint.slide(step.now, vehicle.feet, vehicle.yaw, velocity, stands=stands)
     if level:

@@ -149,6 +149,8 @@ class Touchdown:
 
     Attributes:
         stands: the vehicle stands still on the pad, as far as is known.
+        has_rested: it has not slid at some moment since it stands: one that is levelled as it
+            slides stands only then.
         turned_over: it has turned over on the ground, whatever its attitude is now.
     """
 
@@ -183,7 +185,7 @@ class Touchdown:
         # Time, s, and sink rate that the vehicle would have in the air at that time, m/s.
         self._in_air: tuple[float, float] | None = None
         self._flew_t = -math.inf  # when it was last seen to sink as it would in the air, s
-        self._level = self.stands = False
+        self._level = self.stands = self.has_rested = False
         self._level_down: float | None = None  # local z of the feet when it was levelled, m
         self._tilt = 0.0  # largest since commit, rad
         self.turned_over = False
@@ -288,7 +290,7 @@ class Touchdown:
         self._contact_t = t
         self._lies_since = self._flat_since = self._still_since = math.inf
         self._held_down = -math.inf
-        self._level = self.stands = False
+        self._level = self.stands = self.has_rested = False
         self._level_down = None
 
     def lifts(self, feet_down: float, climb_mps: float) -> bool:
@@ -408,6 +410,8 @@ class Touchdown:
         if not self._level:
             self._level_down = None
         self.stands = stands or self._level or confirmed
+        rests = motion.slip < MAX_SLIP_MPS + motion.slip_error
+        self.has_rested = self.stands and (self.has_rested or rests)
         return self._level
 
     def _is_pressed(self, now: float, motion: ContactMotion, ordered: float) -> bool:

@@ -1363,6 +1363,26 @@ def test_a_pad_that_turns_off_under_the_vehicle_that_stands_on_it_stays_in_the_p
     assert flight.lander.outcome == "landed"
 
 
+def test_levelled_as_it_is_dragged_off_and_granted_again_it_has_not_landed_on_the_pad() -> None:
+    """Levelled it counted as standing, and 0.5 m of slide at 0.8 m/s were not noticed."""
+    flight = Flight()
+    flight.lean = math.radians(18.0)
+    flight.detects_landing = False
+    to(flight.engaged(), State.COMMITTED)
+    while flight.contact_t is None:
+        flight.tick()
+    flight.pulse_us, flight.skids, flight.visible = LOW, -0.8, False
+    while not flight.pressed:
+        flight.tick()
+    flight.run(0.5)
+    flight.skids, flight.pulse_us = 0.0, HIGH
+    to(flight, State.ON_PAD, at_most_s=0.3)
+    flight.run(0.5)
+    flight.detects_landing = True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "landed_off_pad"
+
+
 def test_gusts_that_keep_it_from_descending_are_told() -> None:
     """Once it was kept at 4 m for 30 s and handed back, and nothing was said meanwhile."""
     flight = Flight().engaged().until(Phase.DESCENT)
