@@ -318,7 +318,7 @@ MUTANTS = [
     Mutant(
         "4: never says that touch-down is not confirmed",
         TOUCHDOWN,
-        "return now - since > self._timeout_s and landed is not Landed.ON_GROUND",
+        "return is_late and (landed is not Landed.ON_GROUND or self.is_refused(now))",
         "return False",
         "test_4_without_on_ground_it_keeps_pressing_and_tells_the_pilot",
     ),

@@ -595,6 +595,24 @@ def test_on_one_foot_it_is_not_told_to_climb_for_the_pad_that_slides_below() -> 
     assert flight.lander.state is State.ON_PAD
 
 
+def test_where_disarming_is_refused_it_stands_level_and_the_pilot_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """ON_GROUND came with the touch: 8 m/s of wind dragged it 9 m, with thrust, in silence."""
+    monkeypatch.setattr("tests.scripted_flight.LANDED_AFTER_S", 0.1)
+    flight = Flight().engaged().until_contact()
+    for _ in range(round(6.5 / DT)):
+        flight.tick()
+        flight.armed = True  # whatever is ordered
+        assert not said(flight, "by hand") or flight.t - (flight.contact_t or 0.0) > 4.5
+    assert flight.disarm_orders
+    assert flight.pressed
+    assert said(flight, "does not disarm: disarm by hand")
+    assert flight.lander.outcome == "touchdown_unconfirmed"
+    flight.run(1.0)
+    assert flight.lander.outcome == "landed"
+
+
 def test_without_on_ground_it_stands_level_and_the_pilot_is_told() -> None:
     flight = Flight().engaged()
     flight.detects_landing = False

@@ -9,7 +9,7 @@ from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.touchdown import LATE_S, ContactMotion, Touchdown
-from landerd.messages import Severity
+from landerd.messages import Landed, Severity
 
 # How long sight must show that the pad will be missed before it is given up, s: two or three
 # pictures.
@@ -97,8 +97,10 @@ def level_due(
 
 
 def tell_unconfirmed(context: LandingContext) -> None:
-    """Tell the pilot that the land detector stays silent, every REMIND_UNCONFIRMED_S."""
-    text, every_s = pilot_texts.UNCONFIRMED, pilot_texts.REMIND_UNCONFIRMED_S
+    """Tell the pilot that he has to disarm, every REMIND_UNCONFIRMED_S."""
+    says_landed = context.landed is Landed.ON_GROUND
+    text = pilot_texts.NOT_DISARMED if says_landed else pilot_texts.UNCONFIRMED
+    every_s = pilot_texts.REMIND_UNCONFIRMED_S
     context.orders.say(Severity.CRITICAL, text, every_s=every_s)
 
 

@@ -18,6 +18,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | held up higher over the pad than the build allows | WARNING | TOUCHED_HIGH |
 | it turns over on the ground | CRITICAL | the reason |
 | on the pad, and the land detector is silent, every REMIND_UNCONFIRMED_S | CRITICAL | UNCONFIRMED |
+| the same, and disarming is refused | CRITICAL | NOT_DISARMED |
 
 A reason is also recorded with every change of phase. What hands back is in `states.HAND_BACKS`.
 """
@@ -110,6 +111,7 @@ MAY_STAND = "pad in sight, stands on it?"
 HOLDS_IN_THE_AIR = "on the pad: holding begins in the air"
 TOUCHED_HIGH = "touched {height:.2f} m up: gear, camera?"  # gear_height_m, camera_offset_m
 UNCONFIRMED = "touch-down not confirmed, disarm by hand"
+NOT_DISARMED = "autopilot does not disarm: disarm by hand"  # though it says that it has landed
 
 
 def asks_for_switch(reason: str) -> bool:

@@ -122,6 +122,9 @@ LIFTS_S = 0.15
 LIFTED_M, LIFTS_MPS = 0.08, 0.15
 
 DISARM_EVERY_S = 0.5  # until the vehicle is disarmed: one command may be lost
+# Time from the first disarm command after which the autopilot counts as refusing it, s: it answers
+# within milliseconds, and its heartbeat says so 0.25 s later, which may be lost.
+REFUSES_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +193,7 @@ class Touchdown:
         self._tilt = 0.0  # largest since commit, rad
         self.turned_over = False
         self._disarm_t = -math.inf
+        self._asked_t = math.inf  # first disarm command, s
 
     def descent(self, tilt: float) -> float:
         """Return the sink rate to order, relative to the pad, m/s; called from commit on.
@@ -289,7 +293,7 @@ class Touchdown:
         """Note contact at t (s) anew: the vehicle is pressed down before it is levelled again."""
         self._contact_t = t
         self._lies_since = self._flat_since = self._still_since = math.inf
-        self._held_down = -math.inf
+        self._held_down, self._asked_t = -math.inf, math.inf
         self._level = self.stands = self.has_rested = False
         self._level_down = None
 
@@ -344,8 +348,12 @@ class Touchdown:
         """Tell whether the disarm command is to be sent now."""
         if not self._confirmed(now, landed) or now - self._disarm_t < DISARM_EVERY_S:
             return False
-        self._disarm_t = now
+        self._disarm_t, self._asked_t = now, min(self._asked_t, now)
         return True
+
+    def is_refused(self, now: float) -> bool:
+        """Tell whether the autopilot says that it is on the ground, and does not disarm."""
+        return now - self._asked_t > REFUSES_S
 
     def _confirmed(self, now: float, landed: Landed) -> bool:
         touched = self._contact_t is not None and now - self._contact_t >= CONFIRMED_S
@@ -403,7 +411,9 @@ class Touchdown:
             or self._is_dragged(now, motion)
             or self._pressed_s(now) > LEVEL_AT_LATEST_S
         )
-        may_begin = released or (is_pressed and landed is not Landed.ON_GROUND)
+        # Once it is said to be on the ground it is disarmed; if not, wind may drag it off.
+        ends = landed is Landed.ON_GROUND and not self.is_refused(now)
+        may_begin = released or (is_pressed and not ends)
         sinks = self._sinks(now)
         begins = is_time and may_begin and not sinks
         self._level = begins or (self._level and (not sinks or self._rebounds(motion)))
@@ -500,12 +510,13 @@ class Touchdown:
         return self._level
 
     def unconfirmed(self, now: float, landed: Landed) -> bool:
-        """Tell whether the land detector has been silent for too long after contact.
+        """Tell whether land detector or disarming have been awaited for too long after contact.
 
         Without contact the time counts from commit, a second earlier: wrong velocities may hide it.
         """
         since = self._began if self._contact_t is None else self._contact_t
-        return now - since > self._timeout_s and landed is not Landed.ON_GROUND
+        is_late = now - since > self._timeout_s
+        return is_late and (landed is not Landed.ON_GROUND or self.is_refused(now))
 
 
 def _sink_over_deck(motion: ContactMotion) -> float:
