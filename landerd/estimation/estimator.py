@@ -43,6 +43,8 @@ class Estimator:
         poses: position, attitude and gimbal angles of the last second.
         sighting_t: exposure of the last sighting that the filter accepted, s; -inf: none.
         refused_t: exposure of the last frame whose pad the filter refused, s; -inf: none.
+        unplaced_t: exposure of the last frame that shows the pad at a time of which there are no
+            position, attitude and gimbal angles, s; -inf: none.
         other: exposure of the last frame with another pad, s, and its tag's id; None: none.
         frame_t: exposure of the newest frame that vision has searched, by the camera's own clock,
             s; -inf: none.
@@ -59,7 +61,7 @@ class Estimator:
         self.poses = PoseHistory(config)
         self._observations = ObservationModel(config.estimation, self.poses)
         self._filter = PadFilter(config.estimation)
-        self.sighting_t = self.refused_t = -math.inf
+        self.sighting_t = self.refused_t = self.unplaced_t = -math.inf
         self.other: tuple[float, int] | None = None
         self.frame_t = self.searched_t = self._tick_t = -math.inf
         self.last_fix: PadFix | None = None
@@ -110,12 +112,11 @@ class Estimator:
         if sightings.other_id is not None:
             self.other = t, sightings.other_id
         clocks = self._filter.clocks
-        observations = [
-            o
-            for solution in sightings.pad
-            if _is_plausible(solution)
-            and (o := self._observations.observe(t, solution, clocks)) is not None
-        ]
+        solutions = [solution for solution in sightings.pad if _is_plausible(solution)]
+        placed = [self._observations.observe(t, solution, clocks) for solution in solutions]
+        observations = [o for o in placed if o is not None]
+        if solutions and not observations:
+            self.unplaced_t = t
         if observations:
             self.last_fix = self._observations.fix(observations[0], clocks)
         else:
@@ -136,7 +137,7 @@ class Estimator:
         """Note that a control step begins, at time now (s)."""
         self._tick_t = now
         if self.frame_t > -math.inf:
-            self.health.on_tick(now, self.frame_t - self._clock_offset_s)
+            self.health.on_tick(now, self.exposed_t)
 
     def on_restart(self) -> None:
         """Forget vehicle and pad: the autopilot restarted, and its local frame may be another."""
@@ -157,7 +158,12 @@ class Estimator:
     @property
     def is_shown(self) -> bool:
         """Whether the newest frame that was searched shows the pad and was accepted."""
-        return self.sighting_t == self.frame_t - self._clock_offset_s
+        return self.sighting_t == self.exposed_t
+
+    @property
+    def exposed_t(self) -> float:
+        """Exposure of the newest frame that vision has searched, s; -inf: none."""
+        return self.frame_t - self._clock_offset_s
 
     def sight_age(self, now: float) -> float:
         """Return the greatest age of the last accepted sighting at time now, s; inf without one.

@@ -125,14 +125,16 @@ class LandingContext:
         if stale is not None:
             return pilot_texts.STALE[stale]
         limit = self.options.lost.after_s
-        searched_t, frame_t = self.estimator.searched_t, self.estimator.frame_t
+        searched_t, exposed_t = self.estimator.searched_t, self.estimator.exposed_t
         # Where the newest picture shows the pad, sight is lost because no newer one has come.
         is_old = self.estimator.is_shown and self.estimator.sight_age(now) >= limit - MAX_STEP_S
-        if is_old or now - frame_t > limit:
-            was_late = searched_t - frame_t >= now - searched_t
+        if is_old or now - exposed_t > limit:
+            was_late = searched_t - exposed_t >= now - searched_t
             return pilot_texts.OLD_PICTURES if was_late else pilot_texts.NO_PICTURES
         if now - self.estimator.refused_t <= self.options.lost.after_s:
             return pilot_texts.NOT_BELIEVED
+        if now - self.estimator.unplaced_t <= limit:
+            return pilot_texts.WRONG_TIME
         other = self.estimator.other
         if other is not None and now - other[0] <= self.options.lost.after_s:
             return pilot_texts.OTHER_PAD.format(id=other[1])

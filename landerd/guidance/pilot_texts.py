@@ -100,6 +100,7 @@ OLD_PICTURES = "pictures come too late"
 NOT_IN_SIGHT = "pad not in sight"
 OTHER_PAD = "another pad, tag {id}, in sight"
 NOT_BELIEVED = "pad seen but not believed"  # it would be elsewhere than where it was
+WRONG_TIME = "pad seen, pictures' time wrong"  # there are no own data of then
 NOW_AND_THEN = "{why} now and then: link?"
 BLIND = "{why}, {what}"  # one of those above, and what is done about it:
 CLIMBING_AWAY = "climbing away"  # so too when it may not fly on, or the pad is missed

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import pytest
 
+from landerd.config.models import Config
 from landerd.geometry import add
 from landerd.guidance import pilot_texts
 from landerd.messages import Phase, PoseSolution, RcChannels
-from tests.scripted_flight import Flight
+from tests.scripted_flight import HIGH, Flight
 
 pytestmark = pytest.mark.long
 
@@ -132,3 +133,17 @@ def test_a_vehicle_on_the_pad_with_a_wrong_climb_rate_stays_there() -> None:
     assert pilot_texts.WRONG_CLIMB_RATE in flight.lander.reason
     flight.run(1.5)
     assert flight.lander.phase is Phase.LANDED
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "words"), [(0.5, "pictures come too late"), (-0.3, "pictures' time wrong")]
+)
+def test_a_pad_in_pictures_of_another_time_is_not_said_to_be_out_of_sight(
+    offset_s: float, words: str
+) -> None:
+    flight = Flight(config=Config.model_validate({"camera": {"clock_offset_s": offset_s}}))
+    flight.run(1.1)
+    flight.pulse_us = HIGH
+    flight.run(2.0)
+    assert words in flight.lander.reason
+    assert not any("not in sight" in text for text in flight.texts), flight.texts
