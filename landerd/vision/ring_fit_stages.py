@@ -58,7 +58,8 @@ _PATH_PX, _PATH_BLURS = 3.0, 2.5  # path of a motion: the longer of the first an
 _PATH_DIRECTIONS = 4
 
 MAX_TILT_COS = math.cos(math.radians(25.0))  # pads that lean more are not landed on
-# Number of pixels that have the coherent part of their residuals in common, behind a response.
+# Number of pixels that have the coherent part of their residuals in common, behind a response, in
+# shadow or in motion; motion adds those of its path.
 _ALIKE_PIXELS = 4.0
 _SHADOW_ROUNDS = 2  # the better the pose, the better the shadow's edge is found
 # A ring that the image's edge cuts is fitted again, at most so many times, if it moved by more than
@@ -219,7 +220,8 @@ def _shaded_fits(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> li
         fits = fit_ring(lit, starts, ring, fits[0].blur_px, _SHADED.steps)
         if not fits:
             return []
-    return fits
+        coherent = coherent_residual(lit, fits[0], ring)
+    return [_inflated(f, coherent) for f in fits]
 
 
 def _moving_fits(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> list[RingFit]:
@@ -240,7 +242,8 @@ def _moving_fits(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> li
     starts = _with_mirror((best.position, best.normal), ring)
     if not starts:
         return []
-    return fit_ring(pixels, starts, ring, best.blur_px, _MOVING.steps, [best.motion_px] * 2)
+    fits = fit_ring(pixels, starts, ring, best.blur_px, _MOVING.steps, [best.motion_px] * 2)
+    return [_inflated(f, coherent_residual(pixels, fits[0], ring)) for f in fits]
 
 
 def _with_mirror(pose: CirclePose, ring: Ring) -> list[CirclePose]:
@@ -269,13 +272,13 @@ def _fits(
     if not fits or not is_dark_in_white(fits[0]):
         return fits
     coherence = cache(partial(coherent_residual, pixels, fits[0], ring))
-    return [_judged(replace(f, coherence=coherence)) for f in fits]
+    fits = [replace(f, coherence=coherence) for f in fits]
+    return [f if f.response is None else _inflated(f, f.coherent) for f in fits]
 
 
-def _judged(fit: RingFit) -> RingFit:
-    """Return a fit behind a response with its covariance inflated by its coherent residual."""
-    if fit.response is None:
-        return fit
-    noises = fit.coherent * fit.contrast / fit.noise
-    inflation = 1.0 + _ALIKE_PIXELS * noises * noises
+def _inflated(fit: RingFit, coherent: float) -> RingFit:
+    """Return a fit with its covariance inflated by the coherent residual of the best one."""
+    noises = coherent * fit.contrast / fit.noise
+    alike = _ALIKE_PIXELS + math.hypot(*fit.motion_px)
+    inflation = 1.0 + alike * noises * noises
     return replace(fit, inflation=inflation * fit.inflation)

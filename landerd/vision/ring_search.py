@@ -437,7 +437,9 @@ class RingSearch:
         response = self._response.response
         fits = full_fits(self._image, self._camera, self._ring, start, response)
         if fits and is_ours(self._image, self._camera, self._ring, fits[0]):
-            fits = explained_fits(self._image, self._camera, self._ring, fits, self._vouches)
+            fits = explained_fits(
+                self._image, self._camera, self._ring, fits, self._vouches, are_full=True
+            )
             return self._reported(one, fits)
         is_dark = bool(fits) and is_dark_in_white(fits[0])
         if is_dark and tells_ratio(fits[0], self._ring):

@@ -27,6 +27,11 @@ _CIRCLES: F64 = np.linspace(0.1, 0.9, 16)
 # more than 0.09.
 _CIRCLE_POINTS, _LEAST_STROKE_PX, _MOST_RISE = 24, 6.0, 0.2
 
+# Up to this share of the noise the coherent residual of a plain fit is noise itself: in even light
+# it is 0.4 at most, on rings with a weak spot of glare 0.6 and more. What light that is uneven
+# about the ring does to a fit, residuals do not tell: the fit has followed it.
+_EVEN_SHARE = 0.5
+
 
 def is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether a fit is of a ring and, if it leaves much unexplained, of no other target."""
@@ -64,22 +69,32 @@ def explained_fits(
     ring: Ring,
     fits: list[RingFit],
     vouches: Vouches | None = None,
+    *,
+    are_full: bool = False,
 ) -> list[RingFit]:
     """Return the fits that explain what may be a ring; empty: it is none.
 
-    Those given, or if they do not explain it, fits behind a response or to edges.
+    Those given, or if they do not explain it, fits behind a response or to edges. So they are if
+    light is uneven, which only full fits (`are_full`) tell: what tracked ones leave over is partly
+    the ground beyond a small ring's plate.
     """
     fit = fits[0]
     is_told = is_ring(fit, ring, camera)
-    if (is_told and not is_toned(fit, ring)) or not (is_told or is_dark_in_white(fit)):
+    is_plain = is_told and not is_toned(fit, ring)
+    if (is_plain and not (are_full and _is_uneven(fit))) or not (is_told or is_dark_in_white(fit)):
         return fits if is_told else []
-    behind_response = fits_behind_response(image, camera, ring, fit)
+    behind_response = [] if is_plain else fits_behind_response(image, camera, ring, fit)
     if behind_response:
         return behind_response
     by_edges = explained(image, camera, ring, fits, vouches)
     if by_edges is not None:
         return by_edges.fits
     return fits if is_told else []
+
+
+def _is_uneven(fit: RingFit) -> bool:
+    """Tell whether a plain fit has followed uneven light; one behind a response is inflated."""
+    return fit.response is None and fit.coherent * fit.contrast > _EVEN_SHARE * fit.noise
 
 
 def fits_behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> list[RingFit]:

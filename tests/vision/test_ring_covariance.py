@@ -1,6 +1,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from landerd.config.models import VisionSection
 from landerd.messages import Frame
@@ -48,3 +49,34 @@ def test_sigma_covers_the_error_of_strong_motion_blur() -> None:
             inside += bool(error @ np.linalg.solve(np.array(seen[0].covariance), error) < CHI2_95)
     assert found >= 5
     assert inside == found
+
+
+def glaring(image: scenes.U8, view: scenes.View, rng: np.random.Generator) -> scenes.U8:
+    """Return a picture with a wide, weak spot of glare on the ring."""
+    (middle,) = CAMERA.pixels(np.array([view.position]))
+    radius = CAMERA.focal * RING.radius_m / view.position[2]
+    way, off = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.3, 1.0) * radius
+    x, y = middle + off * np.array([math.cos(way), math.sin(way)])
+    v, u = np.indices(image.shape)
+    wide = rng.uniform(0.3, 0.8) * radius
+    spot = np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2.0 * wide**2))
+    light = image + rng.uniform(15.0, 50.0) * spot
+    return np.asarray(np.clip(light, 0.0, 255.0), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.12])
+def test_a_weak_spot_of_glare_moves_no_ring_further_than_stated(share: float) -> None:
+    """With the camera still, or while the picture moves by a share of the ring's diameter."""
+    inside = 0
+    for k in range(12):
+        rng = np.random.default_rng(k)
+        distance, tilt = rng.uniform((3.0, 0.1), (6.0, 0.7))
+        towards, way = rng.uniform(0.0, 2.0 * math.pi, 2)
+        view = scenes.look(CAMERA, distance, tilt, pixel=(300.0, 230.0), tilt_towards=towards)
+        path = share * CAMERA.focal * RING.outer_diameter_m / distance
+        motion = (path * math.cos(way), path * math.sin(way))
+        image = scenes.render(view, CAMERA, scenes.Optics(white=190.0, motion_px=motion), rng)
+        best = find_rings(glaring(image, view, rng), RING, CAMERA)[0].solutions[0]
+        error = np.array(best.position) - view.position
+        inside += bool(error @ np.linalg.solve(np.array(best.covariance), error) < CHI2_95)
+    assert inside >= 11
