@@ -134,7 +134,7 @@ class LandingContext:
         if now - self.estimator.refused_t <= self.options.lost.after_s:
             return pilot_texts.NOT_BELIEVED
         if now - self.estimator.unplaced_t <= limit:
-            return pilot_texts.WRONG_TIME
+            return pilot_texts.UNPLACED
         other = self.estimator.other
         if other is not None and now - other[0] <= self.options.lost.after_s:
             return pilot_texts.OTHER_PAD.format(id=other[1])

@@ -28,7 +28,7 @@ BLIND_REASONS = (
     pilot_texts.OLD_PICTURES,
     pilot_texts.NOT_IN_SIGHT,
     pilot_texts.NOT_BELIEVED,
-    pilot_texts.WRONG_TIME,
+    pilot_texts.UNPLACED,
     pilot_texts.OTHER_PAD.format(id=999),
 )
 TEXTS = [
