@@ -1132,6 +1132,36 @@ MUTANTS = [
         "test_a_pad_that_sways_is_followed_closely_enough_to_land_on",
     ),
     Mutant(
+        "6: landed is told of what was dragged off the pad as it was levelled",
+        ON_PAD,
+        "stands = touchdown.has_rested and not context.below.leaves_behind(step.now)",
+        "stands = touchdown.stands and not context.below.leaves_behind(step.now)",
+        "guidance/test_landing.py::"
+        "test_levelled_as_it_is_dragged_off_and_granted_again_it_has_not_landed_on_the_pad",
+    ),
+    Mutant(
+        "6: turns the lens away from a pad that turns off under the vehicle",
+        "landerd/lander.py",
+        "if self._landing.has_stood:",
+        "if False:",
+        "guidance/test_landing.py::"
+        "test_a_pad_that_turns_off_under_the_vehicle_that_stands_on_it_stays_in_the_picture",
+    ),
+    Mutant(
+        "4: is not levelled where disarming is refused",
+        TOUCHDOWN,
+        "ends = landed is Landed.ON_GROUND and not self.is_refused(now)",
+        "ends = landed is Landed.ON_GROUND",
+        "test_lander.py::test_where_disarming_is_refused_it_stands_level_and_the_pilot_is_told",
+    ),
+    Mutant(
+        "6: does not tell what keeps it from descending",
+        "landerd/guidance/state_flying.py",
+        "why = self._kept_off",
+        'why = ""',
+        "guidance/test_landing.py::test_gusts_that_keep_it_from_descending_are_told",
+    ),
+    Mutant(
         "6: landed is told of what was blown off the pad after it was levelled",
         ON_PAD,
         "stands = touchdown.has_rested and not context.below.leaves_behind(step.now)",
