@@ -85,29 +85,3 @@ def test_a_pad_that_is_seen_to_stand_still_is_as_exact_as_with_a_global_shutter(
     rolling, whole = sigmas
     assert rolling[0] > 3.0 * whole[0]
     assert rolling[2] < 1.5 * whole[2]
-
-
-def grown(image: scenes.U8, view: scenes.View, share: float) -> scenes.U8:
-    """Return a picture that grew about the landing point by a share from top to bottom."""
-    x, y = CAMERA.pixels(np.array([view.position]))[0]
-    v, u = np.indices(image.shape)
-    size = 1.0 + share * (v - y) / CAMERA.height
-    at = (x + (u - x) / size).astype(np.float32), (y + (v - y) / size).astype(np.float32)
-    return np.asarray(cv2.remap(image, *at, cv2.INTER_CUBIC), dtype=np.uint8)
-
-
-@pytest.mark.parametrize("heading", [0.0, 0.8, 1.6])
-def test_a_fast_descent_tilts_no_pad_further_than_stated(heading: float) -> None:
-    """The lower rows see it from nearer, as if it leaned by 1.4 degrees."""
-    vision = Vision(scenes.alone(TAG), CAMERA, VisionSection(focal_sigma=0.0, readout_s=READOUT_S))
-    rng, growth = np.random.default_rng(6), 1.5
-    for i in range(4):
-        distance = 1.3 * math.exp(-growth * i * FRAME_S)
-        view = scenes.look(CAMERA, distance, 0.05, pixel=(310.0, 235.0), heading=heading)
-        image = scenes.render(view, CAMERA, scenes.Optics(), rng, scenes.alone(TAG))
-        frame = Frame(i * FRAME_S, i, grown(image, view, growth * READOUT_S))
-        seen = vision.process(frame).pad[0]
-    lean = math.acos(min(1.0, float(np.dot(seen.normal, view.normal))))
-    assert math.radians(0.8) < lean < 2.5 * seen.sigma_tilt
-    assert seen.sigma_tilt < math.radians(2.5)
-    assert chi_square(seen, view) < CHI2_95
