@@ -1179,7 +1179,7 @@ MUTANTS = [
     Mutant(
         "vision: takes another number's code, of which dirt hides a bit",
         "landerd/vision/whycode.py",
-        "if mean[n] < _MIN_AGREEMENT or agreement[n].min() < least:",
+        "if mean[n] < _MIN_AGREEMENT or agreement[n].min() < _MIN_BIT_FOUND:",
         "if mean[n] < _MIN_AGREEMENT:",
         "vision/test_whycode.py::test_dirt_on_one_bit_hides_no_code_and_makes_none_of_another",
     ),

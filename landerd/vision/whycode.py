@@ -273,7 +273,7 @@ class WhyCodeFinder:
         best: _Start | None = None
         for code in self._prints:
             for pose in rings:
-                alike = _alike(image, self._camera, pose, 1.0, code, _MIN_BIT_FOUND)
+                alike = _alike(image, self._camera, pose, 1.0, code)
                 if alike is not None and (best is None or alike[0] > best.clarity):
                     best = _start(alike[0], code, pose, alike[1])
         return [] if best is None else [best]
@@ -297,7 +297,7 @@ class WhyCodeFinder:
         if by_grey is None or _is_shaded(by_grey):
             near = start if by_grey is None else by_grey.pose
             poses = self._by_edges(image, code, near, last_normal)
-            if poses and (is_known or self._agrees(image, code, poses[0], _MIN_BIT_FOUND)):
+            if poses and (is_known or self._agrees(image, code, poses[0])):
                 return FoundCode(code, poses, EDGES)
         if by_grey is not None:
             poses = self._by_grey(image, code, by_grey, last_normal)
@@ -345,7 +345,7 @@ class WhyCodeFinder:
             return True
         if is_known:
             return _agrees_in_view(image, self._camera, pose, code)
-        if not self._agrees(image, code, pose, _MIN_BIT_FOUND):
+        if not self._agrees(image, code, pose):
             return False
         return self._edges[code].fit_hidden(image, self._camera, pose) is not None
 
@@ -355,9 +355,9 @@ class WhyCodeFinder:
         turn = None if reading is None else _top_angle(reading, code)
         return turn is not None and abs(turn) < math.pi / (2 * code.bits)
 
-    def _agrees(self, image: Image, code: WhyCode, pose: Pose, least: float) -> bool:
+    def _agrees(self, image: Image, code: WhyCode, pose: Pose) -> bool:
         """Tell whether the band under a pose agrees with the code, though it may be unreadable."""
-        alike = _alike(image, self._camera, pose, code.radius_m, code, least)
+        alike = _alike(image, self._camera, pose, code.radius_m, code)
         return alike is not None and abs(alike[1]) < math.pi / (2 * code.bits)
 
     def _size_px(self, code: WhyCode, pose: Pose) -> float:
@@ -396,7 +396,7 @@ def _start(clarity: float, code: WhyCode, ring: Pose, turn: float) -> _Start:
 
 
 def _alike(
-    image: Image, camera: CameraModel, pose: Pose, radius: float, code: WhyCode, least: float
+    image: Image, camera: CameraModel, pose: Pose, radius: float, code: WhyCode
 ) -> tuple[float, float] | None:
     """Return how well a ring's band agrees with a code, and the angle of the code's top, rad.
 
@@ -408,7 +408,6 @@ def _alike(
         pose: of the ring; its x axis is the north that angles count from.
         radius: of the ring's outer edge, m.
         code: that may be there.
-        least: agreement that each of its bits must have.
     """
     level = _whole_band(image, camera, pose, radius, code.bits * _SAMPLES_PER_BIT)
     if level is None:
@@ -419,7 +418,7 @@ def _alike(
     agreement = np.where(bits_of(code), -turned, turned) / float(np.ptp(light))
     mean = agreement.mean(axis=1)
     n = int(np.argmax(mean))
-    if mean[n] < _MIN_AGREEMENT or agreement[n].min() < least:
+    if mean[n] < _MIN_AGREEMENT or agreement[n].min() < _MIN_BIT_FOUND:
         return None
     turn = -2.0 * math.pi * (first / len(level) + n / code.bits)
     return float(mean[n]), math.remainder(turn, 2.0 * math.pi)
@@ -428,19 +427,23 @@ def _alike(
 def _agrees_in_view(image: Image, camera: CameraModel, pose: Pose, code: WhyCode) -> bool:
     """Tell whether those bits of a code that are in the image agree with it under its pose."""
     levels = _band(image, camera, pose, code.radius_m, code.bits * _SAMPLES_PER_BIT)
-    if levels is None or not _has_contrast(levels[~np.isnan(levels)]):
+    if levels is None:
         return False
-    light = np.log(levels + _DARK).reshape(len(_BAND_RADII), code.bits, _SAMPLES_PER_BIT)
+    # The mean of those circles that are in the image, NaN where none is.
+    count = (~np.isnan(levels)).sum(axis=0)
+    level = np.where(count, np.nansum(levels, axis=0) / np.maximum(count, 1), np.nan)
+    if not _has_contrast(level[count > 0]):
+        return False
+    light = np.log(level + _DARK).reshape(code.bits, _SAMPLES_PER_BIT)
     half = _SAMPLES_PER_BIT // 2
     # Samples of a cell's first half less those as far from its middle in the second.
-    steps = light[..., :half] - light[..., : -half - 1 : -1]
+    steps = light[:, :half] - light[:, : -half - 1 : -1]
     is_in = ~np.isnan(steps)
-    weight = _HALVES[:half] * is_in
-    share = weight.sum(axis=(0, 2)) / len(_BAND_RADII)
+    share = is_in @ _HALVES[:half]
     is_told = share > _MIN_IN_VIEW
     if np.mean(is_told) < _MIN_IN_VIEW:
         return False
-    mean = (weight * np.where(is_in, steps, 0.0)).sum(axis=(0, 2))[is_told] / share[is_told]
+    mean = (np.where(is_in, steps, 0.0) @ _HALVES[:half])[is_told] / share[is_told]
     agreement = np.where(bits_of(code)[is_told], mean, -mean) / np.ptp(light[~np.isnan(light)])
     return bool(agreement.mean() >= _MIN_AGREEMENT and agreement.min() >= _MIN_BIT_KNOWN)
 
