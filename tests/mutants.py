@@ -1148,6 +1148,14 @@ MUTANTS = [
         "test_a_pad_that_turns_off_under_the_vehicle_that_stands_on_it_stays_in_the_picture",
     ),
     Mutant(
+        "1b: a core that fails while the vehicle slides on the pad stops it there",
+        "landerd/guidance/landing.py",
+        "if self._goes_with_pad:  # as STANDING has it",
+        "if self.stands:",
+        "guidance/test_landing.py::"
+        "test_a_core_that_fails_while_it_slides_on_the_pad_leaves_it_pressed_down",
+    ),
+    Mutant(
         "4: is not levelled where disarming is refused",
         TOUCHDOWN,
         "ends = landed is Landed.ON_GROUND and not self.is_refused(now)",

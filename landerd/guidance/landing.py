@@ -101,8 +101,12 @@ class Landing:
     @property
     def stands(self) -> bool:
         """Whether the vehicle stands still on the pad, as far as is known."""
-        rests = self.has_stood and self._touchdown.has_rested
-        return rests and not self._context.below.leaves_behind(self._now)
+        return self._goes_with_pad and self._touchdown.has_rested
+
+    @property
+    def _goes_with_pad(self) -> bool:
+        """Whether it has come to stand and, though it may still slide, has not been left behind."""
+        return self.has_stood and not self._context.below.leaves_behind(self._now)
 
     @property
     def reason(self) -> str:
@@ -153,7 +157,7 @@ class Landing:
         release_s = self._context.options.release_s
         if isinstance(ordered[-1], PressDown):
             return LastOrders(None, 0.0, ordered[-1], release_s)
-        if self.stands:  # as STANDING has it
+        if self._goes_with_pad:  # as STANDING has it
             return LastOrders(None, 0.0, PressDown(self._context.heading), release_s)
         away = None
         if self._must_leave():

@@ -823,9 +823,9 @@ def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() ->
     assert flight.pressed == []
 
 
-def without_thrust() -> Flight:
-    """Return a flight that stands level without thrust on a pad at 1 m/s."""
-    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+def without_thrust(pad_mps: float = 1.0) -> Flight:
+    """Return a flight that stands level without thrust on a pad that drives north."""
+    flight = Flight(pad_velocity=(pad_mps, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
     while not flight.pressed:
@@ -1349,11 +1349,7 @@ def test_levelled_as_it_slid_and_blown_off_then_it_has_not_landed_on_the_pad(
 
 def test_a_pad_that_turns_off_under_the_vehicle_that_stands_on_it_stays_in_the_picture() -> None:
     """The lens was turned to where it would have driven: disarmed beside the pad, it was said."""
-    flight = Flight(pad_velocity=(2.0, 0.0, 0.0))
-    flight.detects_landing = False
-    to(flight.engaged(), State.ON_PAD)
-    while not flight.pressed:
-        flight.tick()
+    flight = without_thrust(2.0)
     flight.pad_velocity, flight.visible = (0.0, 2.0, 0.0), False
     flight.run(2.0)
     right, down, ahead = flight.sighting().markers[0].solutions[0].position
@@ -1381,6 +1377,21 @@ def test_levelled_as_it_is_dragged_off_and_granted_again_it_has_not_landed_on_th
     flight.detects_landing = True
     to(flight, State.SILENT)
     assert flight.lander.outcome == "landed_off_pad"
+
+
+def test_a_core_that_fails_while_it_slides_on_the_pad_leaves_it_pressed_down(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A stop relative to the ground tips what slides over, on a fast pad."""
+    monkeypatch.setattr("tests.scripted_flight.LANDED_AFTER_S", 0.1)
+    flight = Flight().engaged().until_contact()
+    flight.skids = -0.8
+    while not flight.disarm_orders:
+        flight.tick()
+    assert flight.pressed == []
+    last = flight.lander.last_orders
+    assert last is not None
+    assert isinstance(last.then, PressDown)
 
 
 def test_gusts_that_keep_it_from_descending_are_told() -> None:
