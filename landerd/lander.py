@@ -192,14 +192,18 @@ class Lander:
             # The pad stays in the picture, wherever it carries the vehicle: by its known velocity
             # the lens was turned away from one that turned off under the feet.
             self._aim.hold(now)
-            return [self._aim.command, *self._landing.step(now, dt)]
+        else:
+            self._turn_camera(now)
+        return [self._aim.command, *self._landing.step(now, dt)]
+
+    def _turn_camera(self, now: float) -> None:
+        """Aim at the pad, or where it is looked for."""
         direction = self._look(now)
         vehicle = self._estimator.vehicle(now) if direction is None else None  # to search by
         course = vehicle.course if vehicle is not None else None
         base = self._estimator.poses.gimbal_base(0.0) if direction is None else None
         R_local_base = None if base is None else base[1]
         self._aim.on_tick(now, direction, self._estimator.sighting_t, course, R_local_base)
-        return [self._aim.command, *self._landing.step(now, dt)]
 
     def _look(self, now: float) -> Vec3 | None:
         options = self._config.aim

@@ -18,7 +18,7 @@ from typing import Annotated, Literal, Protocol
 from pydantic import Field, model_validator
 
 from hw.gimbals.i2c import I2c, I2cDevice
-from landerd.geometry import Vec3, add, cross, dot, norm, scale, sub, unit
+from landerd.geometry import Vec3, add, cross, dot, norm, scale, sub, towards, unit
 from landerd.ports import DeviceLost
 from landerd.section import Section
 
@@ -219,7 +219,7 @@ class Mpu6050(Imu):
             return down
         shown = unit(scale(force, -1.0))
         self._bias = add(self._bias, scale(cross(down, shown), _BIAS_GAIN * dt))
-        return unit(add(down, scale(sub(shown, down), dt / _CORRECTION_S)))
+        return unit(towards(down, shown, dt / _CORRECTION_S))
 
 
 def _is_gravity(force: Vec3) -> bool:

@@ -220,7 +220,8 @@ def _shaded_fits(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> li
         fits = fit_ring(lit, starts, ring, fits[0].blur_px, _SHADED.steps)
         if not fits:
             return []
-        coherent = coherent_residual(lit, fits[0], ring)
+    assert lit is not None
+    coherent = coherent_residual(lit, fits[0], ring)
     return [_inflated(f, coherent) for f in fits]
 
 
@@ -243,7 +244,8 @@ def _moving_fits(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> li
     if not starts:
         return []
     fits = fit_ring(pixels, starts, ring, best.blur_px, _MOVING.steps, [best.motion_px] * 2)
-    return [_inflated(f, coherent_residual(pixels, fits[0], ring)) for f in fits]
+    coherent = coherent_residual(pixels, fits[0], ring) if fits else 0.0
+    return [_inflated(f, coherent) for f in fits]
 
 
 def _with_mirror(pose: CirclePose, ring: Ring) -> list[CirclePose]:
