@@ -346,7 +346,10 @@ class Touchdown:
 
     def disarm_due(self, now: float, landed: Landed) -> bool:
         """Tell whether the disarm command is to be sent now."""
-        if not self._confirmed(now, landed) or now - self._disarm_t < DISARM_EVERY_S:
+        if not self._confirmed(now, landed):
+            self._asked_t = math.inf  # it need not disarm in the air
+            return False
+        if now - self._disarm_t < DISARM_EVERY_S:
             return False
         self._disarm_t, self._asked_t = now, min(self._asked_t, now)
         return True

@@ -166,6 +166,17 @@ def test_disarm_is_asked_for_only_on_the_ground_and_until_it_is_done() -> None:
     assert asked == pytest.approx([60.0, 60.5, 61.0, 61.5, 62.0])
 
 
+def test_an_autopilot_that_says_it_is_in_the_air_again_has_not_refused_to_disarm() -> None:
+    touchdown = Descent().to_contact().touchdown
+    assert touchdown.disarm_due(60.0, Landed.ON_GROUND)
+    assert touchdown.is_refused(61.1)
+    assert not touchdown.disarm_due(61.2, Landed.IN_AIR)
+    assert not touchdown.is_refused(61.2)
+    assert touchdown.disarm_due(63.0, Landed.ON_GROUND)
+    assert not touchdown.is_refused(63.5)
+    assert touchdown.is_refused(64.1)
+
+
 def test_on_ground_reported_sooner_than_the_autopilot_can_know_does_not_disarm() -> None:
     # ArduCopter's land detector takes a second; what was taken for contact may be a gust.
     descent = Descent().to_contact()
