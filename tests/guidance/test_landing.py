@@ -1359,6 +1359,17 @@ def test_a_pad_that_turns_off_under_the_vehicle_that_stands_on_it_stays_in_the_p
     assert flight.lander.outcome == "landed"
 
 
+def test_it_stays_in_the_picture_too_while_the_released_vehicle_is_levelled() -> None:
+    flight = without_thrust(2.0)
+    flight.pulse_us = LOW
+    flight.pad_velocity, flight.visible = (0.0, 2.0, 0.0), False
+    to(flight, State.STANDING, at_most_s=0.3)
+    while flight.lander.state is State.STANDING:
+        right, down, ahead = flight.sighting().markers[0].solutions[0].position
+        assert math.hypot(right, down) < 0.6 * ahead
+        flight.tick()
+
+
 def test_levelled_as_it_is_dragged_off_and_granted_again_it_has_not_landed_on_the_pad() -> None:
     """Levelled it counted as standing, and 0.5 m of slide at 0.8 m/s were not noticed."""
     flight = Flight()
