@@ -219,7 +219,7 @@ class Tracking:
             return Event.NO_LANDING_POSSIBLE
         if not context.hold_asked:
             context.attempts.begin(step.now)
-        if phase is Phase.APPROACH or phases.goes_around:
+        if phase is Phase.APPROACH or phases.goes_around or context.hold_asked:
             self._lowest_m = math.inf
         waits = phase is Phase.YAW_CORRECTION and not context.hold_asked
         near = phase is Phase.CLOSE_APPROACH and not context.hold_asked
@@ -253,6 +253,7 @@ class Tracking:
         if not sight.climb_rate_is_wrong:
             self._held_m = None
             return False
+        self._lowest_m = math.inf
         context, orders = self._context, self._context.orders
         text = pilot_texts.WRONG_CLIMB_RATE
         orders.enter(Phase.NOT_LANDING, text)

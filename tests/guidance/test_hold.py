@@ -1,5 +1,6 @@
 """Held over the marker while the pilot's switch is in its middle, and landed when it is up."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -8,7 +9,7 @@ from landerd.config.models import Config
 from landerd.geometry import Vec3, horizontal, sub
 from landerd.guidance.states import State
 from landerd.messages import Phase, RcChannels, Setpoint
-from tests.scripted_flight import HIGH, LOW, Flight
+from tests.scripted_flight import DT, HIGH, LOW, Flight
 
 pytestmark = pytest.mark.long
 
@@ -98,6 +99,26 @@ def test_asked_in_the_descent_it_climbs_to_where_it_holds(speed: float) -> None:
     assert not any(s.velocity[2] > 0.0 for s in flown[:60])
     assert flight.height == pytest.approx(HEIGHT_M, abs=0.1)
     assert flight.distance < 0.15
+
+
+def test_a_descent_after_a_hold_is_not_judged_by_one_before_it() -> None:
+    """It was told to be kept off all the way down to where it had been before."""
+    flight = switched(hold={"height_m": 9.0}, limits={"descent_mps": 0.7})
+    engage(flight)
+    flight.pulse_us = HIGH
+    while flight.height > 2.0:
+        flight.tick()
+    for k in range(round(3.0 / DT)):  # in gusts
+        north, east, down = flight.position
+        flight.position = (north + 1.5 * DT * math.cos(2.0 * k * DT), east, down)
+        flight.tick()
+    flight.pulse_us = MIDDLE
+    while flight.height < 8.9:
+        flight.tick()
+    before = len(flight.texts)
+    flight.pulse_us = HIGH
+    flight.until_contact()
+    assert not any("descends within" in text for text in flight.texts[before:])
 
 
 @pytest.mark.parametrize("height_m", [0.5, 3.5])
