@@ -1,11 +1,12 @@
 """Errors of markers' poses by a rolling shutter, added to their covariances.
 
 Rows are exposed one after another, so that what moves in the image is sheared or stretched by its
-motion during the readout. A single picture cannot distinguish that from a tilt and another
-distance. The rate at which the pad moves in the image is estimated from the frames before, and the
-error that it may cause is added to the covariance of each marker's pose. The same motion distorts
-all markers of a picture, and shifts those above the landing point in the opposite direction to
-those below: `pad_pose` takes these errors as shared (`Pose.shared`).
+motion during the readout, and what grows in it looks tilted. A single picture cannot distinguish
+that from a tilt and another distance. The rates at which the pad moves and grows in the image are
+estimated from the frames before, and the error that they may cause is added to the covariance of
+each marker's pose. The same motion distorts all markers of a picture, and shifts those above the
+landing point in the opposite direction to those below: `pad_pose` takes these errors as shared
+(`Pose.shared`).
 """
 
 import math
@@ -17,18 +18,19 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting, PoseSolution
 from landerd.pad import Ring
 from landerd.vision.linear import inverse, solved
-from landerd.vision.pose import Pose, circle, mat3, rotation_from
+from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, mat3, rotation_from
 from landerd.vision.square_pose import ray_derivative
 
 _KNOWN_FOR_S = 0.5  # a rate between two sightings that are at most so far apart holds so long
-# Sigma of an unknown rate along x and along y, rad/s: a gimbal that searches, a drone in wind.
+# Sigma of an unknown rate along x and along y, rad/s, and of growth, 1/s: a gimbal that searches, a
+# drone in wind, a descent.
 _UNKNOWN_RATE = 0.3
 # By trial on sheared pictures from 2 to 15 m, like `_REST`. Information on a tilt for its
 # second-order effect near frontal view, over the shear and the sum of squares of the rays.
 _FRONTAL = 0.1
 _REST = 0.2  # error that the linear model leaves in a shift of position, over the shift's length
 _ALONG = 1e-3  # step along a circle for a difference quotient, rad
-# Sigma of a rate that was measured: rad/s, for vibration, and a share of it, for its change.
+# Sigma of rates that were measured: rad/s, for vibration, and a share of them, for their change.
 _RATE_SIGMA, _RATE_SHARE = 0.02, 0.3
 
 
@@ -46,11 +48,14 @@ class RollingShutter:
         self._readout_s = readout_s
         self._per_ray = camera.fy / camera.height  # image heights per unit of a ray's y
         self._last: tuple[float, F64] | None = None
-        self._rate: F64 | None = None  # of the pad's image, rad/s, (2,)
+        self._rate: F64 | None = None  # of the pad's image: rad/s along x and y, and growth, 1/s
 
     def saw(self, t: float, position: F64) -> None:
         """Learn the position of the pad's landing point, camera frame, m, (3,), at a time t, s."""
-        at: F64 = position[:2] / position[2]
+        if position[2] < MIN_DEPTH_M:
+            self._last = self._rate = None
+            return
+        at: F64 = np.array([*(position[:2] / position[2]), -math.log(position[2])])
         before, self._last = self._last, (t, at)
         past = math.inf if before is None else t - before[0]
         known = before is not None and 0.0 < past < _KNOWN_FOR_S
@@ -64,7 +69,7 @@ class RollingShutter:
             pose: of the marker.
             outline: points of the marker on its own axes (north, east), m, (n, 2).
             origin: of the pad, camera frame, m, (3,). Poses are those at the time its row is
-                exposed.
+                exposed; where it has none, abreast of the lens, those of the marker's own row.
         """
         moved = self._moved(t)
         if moved is None:
@@ -99,7 +104,7 @@ class RollingShutter:
         return replace(sighting, solutions=solutions), shared
 
     def _of_solution(self, s: PoseSolution, ring: Ring, moved: F64) -> tuple[PoseSolution, F64]:
-        """Return a solution with larger covariances, and its `Pose.shared`, for motions (2, k)."""
+        """Return a solution with larger covariances, and its `Pose.shared`, for motions (3, k)."""
         normal = np.array(s.normal)
         pose = Pose(rotation_from(normal), np.array(s.position), np.zeros((6, 6)), 0.0)
         inner = circle(ring.inner_ratio * ring.radius_m)
@@ -113,18 +118,20 @@ class RollingShutter:
     def _moved(self, t: float) -> F64 | None:
         """Return how the image may have moved during the readout, in units of rays on z = 1.
 
-        A matrix (2, 3) whose columns are independent motions of one sigma each; None: it has not
-        moved, as the shutter is no rolling one.
+        A matrix (3, k) whose columns are independent motions of one sigma each: along x and y, and
+        growth about the landing point, as a share. None: it has not moved, as the shutter is no
+        rolling one.
         """
         if self._readout_s == 0.0:
             return None
         if self._rate is None or self._last is None or not 0.0 < t - self._last[0] < _KNOWN_FOR_S:
-            return np.eye(2, 3) * (_UNKNOWN_RATE * self._readout_s)
-        sigma = _RATE_SIGMA + _RATE_SHARE * float(np.linalg.norm(self._rate))
-        return self._readout_s * np.column_stack([self._rate, sigma * np.eye(2)])
+            return np.eye(3, 4) * (_UNKNOWN_RATE * self._readout_s)
+        across, growth = float(np.linalg.norm(self._rate[:2])), abs(float(self._rate[2]))
+        sigmas = _RATE_SIGMA + _RATE_SHARE * np.array([across, across, growth])
+        return self._readout_s * np.column_stack([self._rate, np.diag(sigmas)])
 
     def _change(self, pose: Pose, outline: F64, moved: F64, origin: F64, *, is_round: bool) -> F64:
-        """Return the changes of a pose's (dt, w) by motions (2, k), (6, k + 3).
+        """Return the changes of a pose's (dt, w) by motions (3, k), (6, k + 3).
 
         A least squares fit of the pose to the shifted outline gives the first k columns. The last
         three are position errors for what that linear model leaves out.
@@ -138,8 +145,10 @@ class RollingShutter:
         """
         J = ray_derivative(outline, pose)
         rays = pose.rays(outline)
-        below = (rays[:, 1] - origin[1] / origin[2]) * self._per_ray
-        shift = below[:, None, None] * moved  # (n, 2, k)
+        fixed = origin if origin[2] > MIN_DEPTH_M else pose.t
+        about = rays - fixed[:2] / fixed[2]
+        below = about[:, 1] * self._per_ray
+        shift = below[:, None, None] * (moved[:2] + about[..., None] * moved[2])  # (n, 2, k)
         if is_round:
             # A circle shows only shifts across its outline.
             onwards = outline + _ALONG * outline[:, ::-1] * (-1.0, 1.0)
@@ -153,7 +162,7 @@ class RollingShutter:
         # not need the large tilt of the linear model. A circle's turn about its axis changes
         # nothing, and would leave the equations singular.
         size = float(np.square(rays - rays.mean(axis=0)).sum())
-        shear = float(np.linalg.norm(moved)) * self._per_ray
+        shear = float(np.linalg.norm(moved[:2])) * self._per_ray
         H[3:, 3:] += size * max(_FRONTAL * shear, 1e-6) * np.eye(3)
         change = solved(H, J.T @ shift.reshape(len(J), -1))
         # Second-order errors may have any direction.

@@ -11,6 +11,8 @@ from landerd.config.models import VisionSection
 from landerd.messages import Frame, PoseSolution
 from landerd.pad import PadLayout, Square
 from landerd.vision import Vision
+from landerd.vision.pose import Pose, circle
+from landerd.vision.rolling_shutter import RollingShutter
 from tests.vision import scenes
 
 CAMERA = scenes.THESIS_CAMERA
@@ -85,3 +87,44 @@ def test_a_pad_that_is_seen_to_stand_still_is_as_exact_as_with_a_global_shutter(
     rolling, whole = sigmas
     assert rolling[0] > 3.0 * whole[0]
     assert rolling[2] < 1.5 * whole[2]
+
+
+def test_a_landing_point_abreast_of_the_lens_does_not_blind_it_to_the_markers() -> None:
+    """As it passes the lens on touch-down, how fast it moves in the image says nothing."""
+    ring = scenes.THESIS_PAD.rings[0]
+    pose = Pose(np.diag([1.0, -1.0, 1.0]), np.array([0.1, 0.0, 0.3]), 1e4 * np.eye(6), 0.0)
+    abreast = [np.array([0.1, 0.0, z]) for z in (-0.01, 0.01)]
+    fresh, passed = RollingShutter(CAMERA, READOUT_S), RollingShutter(CAMERA, READOUT_S)
+    for i, at in enumerate(abreast):
+        passed.saw(i * FRAME_S, at)
+    outline = circle(ring.radius_m)
+    unknown = fresh.of_pose(2 * FRAME_S, pose, outline, pose.t)
+    for at in (*abreast, pose.t):
+        seen = passed.of_pose(2 * FRAME_S, pose, outline, at)
+        assert np.linalg.norm(seen.shared) < 2.0 * np.linalg.norm(unknown.shared)
+
+
+def grown(image: scenes.U8, view: scenes.View, share: float) -> scenes.U8:
+    """Return a picture that grew about the landing point by a share from top to bottom."""
+    x, y = CAMERA.pixels(np.array([view.position]))[0]
+    v, u = np.indices(image.shape)
+    size = 1.0 + share * (v - y) / CAMERA.height
+    at = (x + (u - x) / size).astype(np.float32), (y + (v - y) / size).astype(np.float32)
+    return np.asarray(cv2.remap(image, *at, cv2.INTER_CUBIC), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("heading", [0.4, 0.8, 1.2])
+def test_a_fast_descent_tilts_no_pad_further_than_stated(heading: float) -> None:
+    """The lower rows see it from nearer, as if it leaned by 1.4 degrees."""
+    vision = Vision(scenes.alone(TAG), CAMERA, VisionSection(focal_sigma=0.0, readout_s=READOUT_S))
+    rng, growth = np.random.default_rng(6), 1.5
+    for i in range(4):
+        distance = 1.3 * math.exp(-growth * i * FRAME_S)
+        view = scenes.look(CAMERA, distance, 0.05, pixel=(310.0, 235.0), heading=heading)
+        image = scenes.render(view, CAMERA, scenes.Optics(), rng, scenes.alone(TAG))
+        frame = Frame(i * FRAME_S, i, grown(image, view, growth * READOUT_S))
+        seen = vision.process(frame).pad[0]
+    lean = math.acos(min(1.0, float(np.dot(seen.normal, view.normal))))
+    assert math.radians(0.8) < lean < 2.5 * seen.sigma_tilt
+    assert seen.sigma_tilt < math.radians(2.5)
+    assert chi_square(seen, view) < CHI2_95
