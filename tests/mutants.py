@@ -1192,6 +1192,22 @@ MUTANTS = [
         "vision/test_whycode.py::test_dirt_on_one_bit_hides_no_code_and_makes_none_of_another",
     ),
     Mutant(
+        "vision: loses a code that the image cuts, once its teeth are worn",
+        "landerd/vision/whycode.py",
+        "np.nansum(levels, axis=0) / np.maximum(count, 1)",
+        "np.nansum(levels, axis=0)",
+        "vision/test_whycode.py::"
+        "test_what_is_followed_as_a_code_shows_its_teeth_as_clearly_as_what_is_found",
+    ),
+    Mutant(
+        "vision: follows a band worn blank as the pad's code",
+        "landerd/vision/whycode.py",
+        "agreement = np.where(bits_of(code)[is_told], mean, -mean) / ",
+        "agreement = np.where(bits_of(code)[is_told], mean, -mean) * 3.0 / ",
+        "vision/test_whycode.py::"
+        "test_what_is_followed_as_a_code_shows_its_teeth_as_clearly_as_what_is_found",
+    ),
+    Mutant(
         "vision: takes another id's tag beside a ring out of focus",
         "landerd/vision/square_beside.py",
         "_SURE_CORRELATION, _SURE_LEAD = 0.73, 0.07",

@@ -1,6 +1,7 @@
 """WhyCodes in made images: number, direction and pose; nothing else is taken for one."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,9 @@ from landerd.config.models import VisionSection
 from landerd.messages import Frame, MarkerSighting, Prior, Sightings
 from landerd.pad import PadLayout, Plate, Ring, WhyCode, load_pad
 from landerd.vision import Vision
-from landerd.vision.pose import rotation_from
+from landerd.vision.arrays import Image
+from landerd.vision.pose import Pose, rotation_from
+from landerd.vision.whycode import _agrees_in_view, _alike
 from tests.vision import scenes
 
 # The thesis camera's middle: large images are slow to make.
@@ -293,3 +296,38 @@ def test_a_code_that_was_read_is_followed_to_where_it_cannot_be() -> None:
         assert math.dist(found.pad[0].position, view.position) < 0.02 * distance
     # Alone, the last of them tells no number.
     assert Vision(pad(), CAMERA, VisionSection()).process(Frame(0.0, 0, image)).markers == ()
+
+
+def wear_that_hides(view: scenes.View, tells: Callable[[Image, Pose], bool]) -> float:
+    """Return the share of a code's contrast that is gone where it is no longer told."""
+    pose = Pose(view.R_camera_pad, np.array(view.position), np.zeros((6, 6)), 0.0)
+    rng, optics = np.random.default_rng(3), scenes.Optics(noise=0.0)
+    plain = Ring(kind="whycon", outer_diameter_m=1.0, inner_ratio=0.6)
+    blank = PadLayout(name="blank", markers=(plain,), plate=PLATE)
+    printed, empty = (scenes.render(view, CAMERA, optics, rng, p) + 1.0 for p in (pad(), blank))
+    shade = np.exp(np.linspace(-1.5, 0.0, CAMERA.width))  # uneven light: the teeth must exceed it
+    for wear in np.arange(0.0, 1.0, 0.02):
+        worn = printed ** (1.0 - wear) * empty**wear * shade
+        if not tells(np.clip(np.rint(worn), 0, 255).astype(np.uint8), pose):
+            return float(wear)
+    return 1.0
+
+
+def test_what_is_followed_as_a_code_shows_its_teeth_as_clearly_as_what_is_found() -> None:
+    """Else a band worn blank would be followed as the pad's code, or a good one lost when cut."""
+    code = pad().markers[0]
+    assert isinstance(code, WhyCode)
+
+    def is_found(image: Image, pose: Pose) -> bool:
+        return _alike(image, CAMERA, pose, code.radius_m, code) is not None
+
+    def is_followed(image: Image, pose: Pose) -> bool:
+        return _agrees_in_view(image, CAMERA, pose, code)
+
+    whole = look(2.8, 0.0)
+    found = wear_that_hides(whole, is_found)
+    assert 0.5 < found < 0.95
+    assert abs(wear_that_hides(whole, is_followed) - found) < 0.05
+    for x in (28, 32, 36):
+        cut = scenes.look(CAMERA, 2.8, 0.0, pixel=(x, 88))
+        assert abs(wear_that_hides(cut, is_followed) - found) < 0.05
