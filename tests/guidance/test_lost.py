@@ -47,6 +47,27 @@ def test_every_loss_has_the_whole_time_again() -> None:
     assert made.step(200.1, -4.0) == ((0.0, 0.0, 0.0), "holding")
 
 
+def test_a_pad_lost_again_and_again_does_not_take_it_ever_higher() -> None:
+    made, now, down = LostPlan(OPTIONS), 100.0, -4.0
+    for _ in range(5):
+        made.begin(now)
+        for _ in range(200):
+            step = made.step(now, down)
+            assert step is not None
+            now, down = now + 0.1, down + 0.1 * step[0][2]
+        now += 3.0  # sight came back for a moment
+    assert -4.0 - down == pytest.approx(5.0, abs=0.1)
+
+
+def test_after_a_descent_that_followed_it_climbs_to_see_as_much_again() -> None:
+    made = plan()
+    made.step(110.0, -4.0)
+    made.begin(115.0)
+    assert made.step(119.0, -1.0) == ((0.0, 0.0, -0.5), "climbing")
+    assert made.step(120.0, -5.9) == ((0.0, 0.0, -0.5), "climbing")
+    assert made.step(121.0, -6.1) == ((0.0, 0.0, 0.0), "searching")
+
+
 def test_just_over_the_pad_it_climbs_at_once() -> None:
     made = LostPlan(OPTIONS)
     made.begin(100.0, low=True)
