@@ -140,7 +140,14 @@ class MarkerPrint:
     blurred by as much.
     """
 
-    def __init__(self, fine: NDArray[np.floating], size: float, per_m: float, reach: float) -> None:
+    def __init__(
+        self,
+        fine: NDArray[np.floating],
+        size: float,
+        per_m: float,
+        reach: float,
+        white: float = math.inf,
+    ) -> None:
         """Take the print.
 
         Args:
@@ -149,8 +156,9 @@ class MarkerPrint:
             size: of the print, m.
             per_m: samples per metre.
             reach: how far from the centre print and image are compared, m.
+            white: width of the white beyond that, m.
         """
-        self._size, self._reach = size, reach
+        self._size, self._reach, self._white = size, reach, white
         self._corners = square_points(size)
         self._blurred = BlurredPrint(fine, per_m)
         self._blur = 1.0  # of the last fit: the next one's is likely similar
@@ -170,7 +178,9 @@ class MarkerPrint:
         With a rival it will be compared with another fit by how well each explains the pixels.
         `reduction` is as `marker_patch` takes it.
         """
-        patch = marker_patch(image, camera, start, self._reach, self._is_used, reduction)
+        patch = marker_patch(
+            image, camera, start, self._reach, self._is_used, reduction, self._white
+        )
         if patch is None:
             return None
         blur = max(1.0, self._blur)

@@ -78,11 +78,11 @@ class SquarePrint(MarkerPrint):
         count, size = cells.shape[0], square.size_m
         padded = np.pad(cells.astype(np.float64), _MARGIN_CELLS, constant_values=1.0)
         fine = np.kron(padded, np.ones((_PER_CELL, _PER_CELL)))
-        reach = 0.5 * size + min(_USED_MARGIN_CELLS * size / count, _USED_WHITE * white_m)
+        used = min(_USED_MARGIN_CELLS * size / count, _USED_WHITE * white_m)
         self._code_reach = size * (0.5 - 1.0 / count)
         rows = size * ((np.arange(1, count - 1) + 0.5) / count - 0.5)  # within the border
         self._code_cells = np.stack(np.meshgrid(rows, rows), axis=-1).reshape(-1, 2)
-        super().__init__(fine, size, count * _PER_CELL / size, reach)
+        super().__init__(fine, size, count * _PER_CELL / size, 0.5 * size + used, white_m - used)
         self._edges = square_edges(cells, size)
 
     def poses(
@@ -157,11 +157,14 @@ class SquarePrint(MarkerPrint):
             return self._by_edges(image, camera, expected)
         if fit.contradicted > _MAX_CONTRADICTED:  # by another's cells, or by glare
             return self._edges.fit_hidden(image, camera, expected)
-        if fit.explained > _MIN_TRACKED_EXPLAINED:
+        is_explained = fit.explained > _MIN_TRACKED_EXPLAINED
+        # No camera darkens what is between black and white: that is dirt, which moves the fit.
+        if is_explained and fit.tone[0] >= 0.0:
             return fit
         # No other print contradicts it: what is not as printed may be hidden.
         by_edges = self._by_edges(image, camera, fit.pose, may_be_hidden=True)
-        return by_edges or self._by_edges(image, camera, expected)
+        by_edges = by_edges or self._by_edges(image, camera, expected)
+        return by_edges or (fit if is_explained else None)
 
     def _by_edges(
         self, image: Image, camera: CameraModel, start: Pose, *, may_be_hidden: bool = False

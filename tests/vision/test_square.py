@@ -399,3 +399,34 @@ def test_a_leaning_pad_keeps_its_pose_by_picture_and_gravity_together(
     vision = Vision(pad_of(square), THESIS_CAMERA, VisionSection())
     best = vision.process(Frame(0.0, 0, image), Prior(down=vec3(down))).pad[0]
     assert float(np.array(best.normal) @ view.normal) > math.cos(math.radians(3.0))
+
+
+def in_line(heading_deg: float, white_m: float) -> list[tuple[float, float]]:
+    """Return errors, m, and these over sigma, of a near tag whose edges lie along the rows."""
+    half = 0.25 + white_m
+    plate = Plate(north_m=half, south_m=half, east_m=half, west_m=half)
+    exact = {"print_scale_sigma": 0.0, "placement_sigma_m": 0.0, "flatness_deg": 0.0}
+    layout = PadLayout(name="test", markers=(tag(size=0.5),), plate=plate).model_copy(update=exact)
+    turn = math.radians(heading_deg)
+    errors = []
+    for k in range(12):
+        pixel = 310.0 + 0.3 * k, 235.0 + 0.17 * k
+        view = look(THESIS_CAMERA, 1.1 + 0.01 * k, 0.03, pixel=pixel, heading=turn)
+        image = render(view, THESIS_CAMERA, Optics(), np.random.default_rng(k), layout)
+        vision = Vision(layout, THESIS_CAMERA, VisionSection(focal_sigma=0.0))
+        for i in range(2):
+            seen = vision.process(Frame(i / 30.0, i, image)).pad[0]
+        off = np.array(seen.position) - view.position
+        chi2 = off @ np.linalg.solve(np.array(seen.covariance), off)
+        errors.append((float(np.linalg.norm(off)), math.sqrt(chi2)))
+    return errors
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 90.0])
+def test_a_near_tag_in_line_with_the_picture_is_where_it_is_said_to_be(heading_deg: float) -> None:
+    """As a vehicle that has turned to the pad's heading sees it."""
+    assert max(sigmas for _, sigmas in in_line(heading_deg, white_m=0.1)) < 4.0
+
+
+def test_a_narrow_white_round_a_tag_does_not_let_the_ground_move_it() -> None:
+    assert max(metres for metres, _ in in_line(0.0, white_m=0.02)) < 0.0015

@@ -108,7 +108,7 @@ def blotted(view: View, blot: F64, layout: PadLayout) -> U8:
     return image
 
 
-@pytest.mark.parametrize("height", [0.7, 1.4])
+@pytest.mark.parametrize("height", [0.7, 1.0, 1.2, 1.4, 1.7, 2.0])
 def test_a_tag_with_dirt_on_its_code_is_tracked_by_its_border(height: float) -> None:
     view = at(height)
     fit = tracked(view, dirty(view))
