@@ -357,6 +357,24 @@ def test_a_ring_of_another_ratio_is_none_of_ours_behind_a_curve(
 
 
 @pytest.mark.parametrize(
+    ("radius_px", "stroke_px", "black", "blur_px"),
+    [(8.0, 2.5, 215.0, 0.4), (9.0, 3.0, 228.0, 0.8), (10.0, 2.5, 210.0, 0.8)],
+)
+def test_a_faint_thin_circle_in_blown_out_white_is_none_of_ours(
+    radius_px: float, stroke_px: float, black: float, blur_px: float
+) -> None:
+    """Blurred, it is brighter than any ink behind white so far over full scale as to thin it so."""
+    k, n = 8, 40
+    patch = np.full((n * k, n * k), 255.0, np.float32)
+    middle, radius = (round(20.3 * k), round(20.2 * k)), round(radius_px * k)
+    cv2.circle(patch, middle, radius, black, round(stroke_px * k), cv2.LINE_AA)
+    blurred = cv2.GaussianBlur(patch, (0, 0), blur_px * k)
+    image = np.full((CAMERA.height, CAMERA.width), 255.0)
+    image[200:240, 260:300] = cv2.resize(blurred, (n, n), interpolation=cv2.INTER_AREA)
+    assert find_rings(picture(image / 255.0, noise=1.0), RING, CAMERA) == []
+
+
+@pytest.mark.parametrize(
     ("size", "squeeze", "angle_deg"),
     [(9.75, 0.6, 10.0), (10.25, 0.6, 80.0), (11.0, 0.55, 10.0), (12.0, 0.5, 0.0)],
 )
