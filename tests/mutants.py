@@ -1261,6 +1261,14 @@ MUTANTS = [
         "vision/test_plate_check.py::test_a_wheel_with_a_hub_darker_than_its_surroundings_is_not_the_pad",
     ),
     Mutant(
+        "2: takes a faint thin circle in blown-out white for a ring",
+        "landerd/vision/ring_explained.py",
+        "> _CLIPPED and black < _CLIPPED_BLACK",
+        "> _CLIPPED",
+        "vision/test_ring_explained.py::"
+        "test_a_faint_thin_circle_in_blown_out_white_is_none_of_ours",
+    ),
+    Mutant(
         "vision: dirt darker than faded ink hides a tag",
         "landerd/vision/square_fit.py",
         "return fit if self._edges.is_own(image, camera, fit) else None",

@@ -358,7 +358,7 @@ def test_a_ring_of_another_ratio_is_none_of_ours_behind_a_curve(
 
 @pytest.mark.parametrize(
     ("radius_px", "stroke_px", "black", "blur_px"),
-    [(8.0, 2.5, 215.0, 0.4), (9.0, 3.0, 228.0, 0.8), (10.0, 2.5, 210.0, 0.8)],
+    [(8.0, 2.5, 215.0, 0.4), (10.0, 3.0, 210.0, 0.8), (12.0, 3.0, 215.0, 0.8)],
 )
 def test_a_faint_thin_circle_in_blown_out_white_is_none_of_ours(
     radius_px: float, stroke_px: float, black: float, blur_px: float
