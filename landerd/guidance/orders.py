@@ -114,10 +114,8 @@ class Orders:
         is_out = phase is Phase.NOT_LANDING
         if phase is not self.phase or (is_out and reason != self.reason):
             self.commands.append(PhaseChange(phase, reason))
-            name = phase.value.replace("_", " ").lower()
-            self._news = (
-                (Severity.WARNING, reason) if is_out else (Severity.NOTICE, f"{name}: {reason}")
-            )
+            news = (Severity.NOTICE, _of_phase(phase, reason))
+            self._news = (Severity.WARNING, reason) if is_out else news
         elif is_out and pilot_texts.asks_for_switch(reason):
             self.say(Severity.WARNING, reason, every_s=pilot_texts.REMIND_S)
         self.phase, self.reason = phase, reason
@@ -133,6 +131,13 @@ class Orders:
         self._said[line] = self._now
         self.commands.append(StatusText(severity, line))
         return True
+
+
+def _of_phase(phase: Phase, reason: str) -> str:
+    """Return a phase with its reason, or, where they do not fit one line, the reason alone."""
+    text = f"{phase.value.replace('_', ' ').lower()}: {reason}"
+    fits = len(pilot_texts.PREFIX) + len(text) <= pilot_texts.MAX_CHARACTERS
+    return text if fits else reason
 
 
 def _line(text: str) -> str:

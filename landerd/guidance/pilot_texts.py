@@ -5,7 +5,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | when | severity | text |
 |---|---|---|
 | landerd does not fly, or without sight, or for a while without own data | WARNING | the reason |
-| a phase of the landing begins | NOTICE | the phase and the reason |
+| a phase of the landing begins | NOTICE | the phase, where there is room, and the reason |
 | it is where the pilot asked to hold | NOTICE | HOLDING_OVER |
 | a descent is broken off with the pad in sight | WARNING | the reason |
 | the switch must be low first (RC_LATCHED), again after REMIND_S | WARNING | the reason |

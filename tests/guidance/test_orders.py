@@ -3,6 +3,7 @@
 import pytest
 
 from landerd.config.models import LimitsSection
+from landerd.guidance import pilot_texts
 from landerd.guidance.orders import Orders
 from landerd.messages import (
     Disarm,
@@ -47,6 +48,21 @@ def test_a_phase_is_told_when_it_begins_and_its_reason_kept_up_to_date() -> None
     orders.enter(Phase.DESCENT, "0.1 m away, 1.9 m up")
     assert orders.commands == []
     assert (orders.phase, orders.reason) == (Phase.DESCENT, "0.1 m away, 1.9 m up")
+
+
+@pytest.mark.parametrize(
+    "reason",
+    [
+        pilot_texts.OFF_CLIMBING.format(distance=0.63),
+        pilot_texts.NO_HEADING_CLIMBING,
+        pilot_texts.UNSURE.format(known=1.2, radius=0.4),
+    ],
+)
+def test_a_phase_whose_reason_is_long_is_not_told_cut_off(reason: str) -> None:
+    orders = begun()
+    orders.enter(Phase.CLOSE_APPROACH, reason)
+    told = [c.text for c in orders.commands if isinstance(c, StatusText)]
+    assert told == [f"landerd: {reason}"]
 
 
 def test_out_of_a_landing_every_new_reason_is_told() -> None:
