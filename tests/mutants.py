@@ -400,6 +400,20 @@ MUTANTS = [
         "guidance/test_lost.py::test_after_holding_it_climbs_straight_up_by_the_configured_height",
     ),
     Mutant(
+        "1d: climbs anew with each loss of sight",
+        "landerd/guidance/lost.py",
+        "if now - self._stepped_t > RESUMES_S:",
+        "if True:",
+        "guidance/test_lost.py::test_a_pad_lost_again_and_again_does_not_take_it_ever_higher",
+    ),
+    Mutant(
+        "1d: after a descent it does not climb again",
+        "landerd/guidance/lost.py",
+        "else max(self._lowest_down, down_m)",
+        "else self._lowest_down",
+        "guidance/test_lost.py::test_the_climb_of_losses_that_follow_one_another_is_from_the_lowest",
+    ),
+    Mutant(
         "2: sinks on while asked to hold",
         FLYING,
         "hold_m = o.hold.height_m if context.hold_asked else 0.0",

@@ -59,13 +59,13 @@ def test_a_pad_lost_again_and_again_does_not_take_it_ever_higher() -> None:
     assert -4.0 - down == pytest.approx(5.0, abs=0.1)
 
 
-def test_after_a_descent_that_followed_it_climbs_to_see_as_much_again() -> None:
+def test_the_climb_of_losses_that_follow_one_another_is_from_the_lowest() -> None:
     made = plan()
     made.step(110.0, -4.0)
     made.begin(115.0)
     assert made.step(119.0, -1.0) == ((0.0, 0.0, -0.5), "climbing")
     assert made.step(120.0, -5.9) == ((0.0, 0.0, -0.5), "climbing")
-    assert made.step(121.0, -6.1) == ((0.0, 0.0, 0.0), "searching")
+    assert made.step(121.0, -6.1) == ((0.0, 0.0, 0.0), "searching")  # 5 m over the lowest
 
 
 def test_just_over_the_pad_it_climbs_at_once() -> None:
