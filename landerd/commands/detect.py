@@ -33,8 +33,9 @@ from landerd.vision.draw import draw
 _LEAST_SEARCHES, _MOST_SEARCHES = 37, 54
 _MOST_CAMERAS = 1000  # a number from here on is not taken for a camera's
 _READOUT_S = 0.02  # readout time assumed of the camera's rolling shutter, s
-_IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
-_OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".dng"}  # formats that OpenCV cannot read
+_IMAGES = {".png", ".jpg", ".jpeg", ".jp2", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
+# Formats that OpenCV cannot read, or only as videos.
+_OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".dng", ".gif"}
 _BITS = 8  # bits per pixel of the pictures that are searched
 
 

@@ -54,6 +54,19 @@ def test_json_is_one_object_an_image(folder: Path, capsys: pytest.CaptureFixture
     assert (second["markers"], second["pad"]) == ([], None)
 
 
+def test_no_image_of_a_folder_is_left_out_in_silence_for_its_format(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("c.gif", "d.jp2"):
+        cv2.imwrite(str(folder / name), picture())
+    assert main(["detect", str(folder), *FILES, "--json"]) == 2
+    out, err = capsys.readouterr()
+    _, _, other = (json.loads(line) for line in out.splitlines())
+    assert Path(other["image"]).name == "d.jp2"
+    assert other["pad"] is not None
+    assert "c.gif: not read; save it as PNG or JPEG" in err
+
+
 @pytest.mark.parametrize("orientation", [3, 6])
 def test_a_jpeg_is_not_rotated_by_its_orientation_tag(
     orientation: int, folder: Path, capsys: pytest.CaptureFixture[str]
