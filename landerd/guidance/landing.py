@@ -96,7 +96,7 @@ class Landing:
     @property
     def has_stood(self) -> bool:
         """Whether the vehicle has come to stand on the pad, whatever that has done since."""
-        return self.state in {State.ON_PAD, State.STANDING} and self._touchdown.stands
+        return self._touchdown.stands and self.state in {State.ON_PAD, State.STANDING}
 
     @property
     def stands(self) -> bool:
