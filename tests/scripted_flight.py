@@ -141,6 +141,13 @@ class Flight:
             self.tick()
         return [s for _, s in self.setpoints[before:]]
 
+    def run_in_gusts(self, seconds: float) -> None:
+        """Fly on, carried to and fro by 0.75 m."""
+        for k in range(round(seconds / DT)):
+            north, east, down = self.position
+            self.position = (north + 1.5 * DT * math.cos(2.0 * k * DT), east, down)
+            self.tick()
+
     def until(self, phase: Phase, *, at_most_s: float = 60.0) -> "Flight":
         """Fly on until the core is in a phase."""
         end = self.t + at_most_s

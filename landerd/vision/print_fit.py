@@ -83,6 +83,11 @@ class Fit:
     pixels: float  # number of pixels, as the sum of their weights
     reduction: int  # of the pixels, see `Patch`
 
+    @property
+    def darkens(self) -> bool:
+        """Whether its tone darkens what is between black and white: no camera does, dirt may."""
+        return bool(self.tone[0] < 0.0)
+
 
 @dataclass
 class _Estimate:

@@ -158,8 +158,7 @@ class SquarePrint(MarkerPrint):
         if fit.contradicted > _MAX_CONTRADICTED:  # by another's cells, or by glare
             return self._edges.fit_hidden(image, camera, expected)
         is_explained = fit.explained > _MIN_TRACKED_EXPLAINED
-        # No camera darkens what is between black and white: that is dirt, which moves the fit.
-        if is_explained and fit.tone[0] >= 0.0:
+        if is_explained and not fit.darkens:  # else dirt moves it
             return fit
         # No other print contradicts it: what is not as printed may be hidden.
         by_edges = self._by_edges(image, camera, fit.pose, may_be_hidden=True)

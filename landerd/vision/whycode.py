@@ -508,14 +508,11 @@ def _top_angle(reading: Reading, code: WhyCode) -> float | None:
 
 
 def _explains(fit: Fit, *, is_known: bool) -> bool:
-    """Tell whether a fit explains as much of the pixels' variance as noise and light allow.
-
-    Not much less if it darkens what is between black and white, which no camera does.
-    """
+    """Tell whether a fit explains as much of the pixels' variance as noise and light allow."""
     if fit.correlation < _NOISE_CORRELATION and fit.explained > _MIN_NOISY_EXPLAINED:
         return True
-    may_be_disturbed = is_known and fit.tone[0] >= 0.0
-    return fit.explained >= (_MIN_KNOWN_EXPLAINED if may_be_disturbed else MIN_EXPLAINED)
+    is_known = is_known and not fit.darkens  # else dirt is taken for the code
+    return fit.explained >= (_MIN_KNOWN_EXPLAINED if is_known else MIN_EXPLAINED)
 
 
 def _is_shaded(fit: Fit) -> bool:

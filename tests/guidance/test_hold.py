@@ -1,6 +1,5 @@
 """Held over the marker while the pilot's switch is in its middle, and landed when it is up."""
 
-import math
 from dataclasses import replace
 
 import pytest
@@ -9,7 +8,7 @@ from landerd.config.models import Config
 from landerd.geometry import Vec3, horizontal, sub
 from landerd.guidance.states import State
 from landerd.messages import Phase, RcChannels, Setpoint
-from tests.scripted_flight import DT, HIGH, LOW, Flight
+from tests.scripted_flight import HIGH, LOW, Flight
 
 pytestmark = pytest.mark.long
 
@@ -108,10 +107,7 @@ def test_a_descent_after_a_hold_is_not_judged_by_one_before_it() -> None:
     flight.pulse_us = HIGH
     while flight.height > 2.0:
         flight.tick()
-    for k in range(round(3.0 / DT)):  # in gusts
-        north, east, down = flight.position
-        flight.position = (north + 1.5 * DT * math.cos(2.0 * k * DT), east, down)
-        flight.tick()
+    flight.run_in_gusts(3.0)
     flight.pulse_us = MIDDLE
     while flight.height < 8.9:
         flight.tick()

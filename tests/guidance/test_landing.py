@@ -1411,10 +1411,7 @@ def test_gusts_that_keep_it_from_descending_are_told() -> None:
     while flight.height > 4.0:
         flight.tick()
     before = len(flight.texts)
-    for k in range(round(20.0 / DT)):
-        north, east, down = flight.position
-        flight.position = (north + 1.5 * DT * math.cos(2.0 * k * DT), east, down)
-        flight.tick()
+    flight.run_in_gusts(20.0)
     told = [text for text in flight.texts[before:] if "descends within 0." in text]
     assert told, flight.texts[before:]
 
