@@ -494,10 +494,26 @@ MUTANTS = [
     ),
     Mutant(
         "4: level without thrust while it rises",
-        ON_PAD,
-        "if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.below.heaves:",
+        TOUCHDOWN,
+        "if self._lifts(motion) and (self._level or not tips):",
         "if False:",
         "guidance/test_landing.py::test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling",
+    ),
+    Mutant(
+        "4: levelled while it rises from the pad",
+        TOUCHDOWN,
+        "if self._lifts(motion) and (self._level or not tips):",
+        "if self._lifts(motion) and self._level:",
+        "guidance/test_touchdown.py"
+        "::test_a_vehicle_that_rises_gently_as_its_thrust_comes_back_is_not_levelled_in_the_air",
+    ),
+    Mutant(
+        "4: a heaving deck keeps it from being levelled",
+        TOUCHDOWN,
+        "LIFTS_MPS + motion.fastest_heave",
+        "LIFTS_MPS",
+        "guidance/test_touchdown.py"
+        "::test_a_deck_that_heaves_carries_a_vehicle_up_and_it_is_levelled_all_the_same",
     ),
     Mutant(
         "aim: a pad that stopped is not looked for behind",

@@ -87,6 +87,7 @@ def level_due(
         pad_speed=math.hypot(north, east),
         heave=heave,
         sigma_heave=sigma_heave,
+        fastest_heave=context.below.fastest_heave,
     )
     carried = context.below.carries and touchdown.leans_more(vehicle.tilt)
     tips = touchdown.leaned if released else carried

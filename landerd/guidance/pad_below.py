@@ -26,6 +26,8 @@ class PadBelow:
         low: whether the vehicle was below the alignment height when the pad was last in sight.
         may_touch: whether it was so low then that a foot of a leaning vehicle may all but touch.
         velocity: of the pad, as last seen, or as followed from contact on, local NED, m/s.
+        fastest_heave: largest vertical speed of the pad that was certain while the vehicle was low
+            over it, m/s.
     """
 
     def __init__(
@@ -44,7 +46,7 @@ class PadBelow:
         self.velocity = ZERO
         self._known_velocity = ZERO  # of the pad by sight before contact, turned on, m/s
         self._course_rate = 0.0  # at which that turns, rad/s
-        self._fastest_heave = 0.0  # largest vertical speed of the pad that was certain, m/s
+        self.fastest_heave = 0.0
         self._seen = 0.0, 0.0  # when the pad was last in sight, s, and its local z then, m
 
     def configure(self, options: GuidanceSection, braking_mps2: float) -> None:
@@ -69,7 +71,7 @@ class PadBelow:
         self.velocity = relative.pad_velocity
         self._course_rate = relative.course_rate
         surely = abs(relative.pad_velocity[2]) - 2.0 * relative.sigma_heave
-        self._fastest_heave = max(self._fastest_heave, surely) if self.low else 0.0
+        self.fastest_heave = max(self.fastest_heave, surely) if self.low else 0.0
 
     def leave(self) -> None:
         """Note that the vehicle has climbed away: it is not just over the pad any more."""
@@ -93,7 +95,7 @@ class PadBelow:
     @property
     def heaves(self) -> bool:
         """Whether the pad certainly heaved while the vehicle was low over it."""
-        return self._fastest_heave > 0.0
+        return self.fastest_heave > 0.0
 
     def heave(self, now: float) -> tuple[float, float]:
         """Return the pad's vertical velocity and its sigma, m/s.
@@ -102,7 +104,7 @@ class PadBelow:
         """
         pad = self._estimator.pad(now)
         if pad is None or self._estimator.sight_age(now) > self._options.lost.after_s:
-            return 0.0, self._fastest_heave
+            return 0.0, self.fastest_heave
         return pad.velocity[2], pad.sigma_heave
 
     def down(self, now: float) -> float:
@@ -111,7 +113,7 @@ class PadBelow:
         A drift of the autopilot's height moves pad and vehicle alike.
         """
         t, down = self._seen
-        return down + max(2.0 * self._fastest_heave, self.velocity[2]) * (now - t)
+        return down + max(2.0 * self.fastest_heave, self.velocity[2]) * (now - t)
 
     # ---- with feet on it -----------------------------------------------------------------------
 

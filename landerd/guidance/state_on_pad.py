@@ -125,10 +125,6 @@ def _stand_level(
         level = touchdown.without_data(step.now, context.landed, released=released)
     else:
         level = level_due(context, touchdown, step, vehicle, released=released)
-        climb_mps = -vehicle.foot_velocity[2]
-        if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.below.heaves:
-            touchdown.press(step.now)
-            level = False
         stands = touchdown.has_rested and not context.below.leaves_behind(step.now)
         velocity = context.below.velocity
         context.footprint.slide(step.now, vehicle.feet, vehicle.yaw, velocity, stands=stands)

@@ -116,9 +116,9 @@ FASTEST_HEAVE_MPS = 0.6
 # after 1.5 s.
 LIFTS_S = 0.15
 # A vehicle levelled just as its thrust came back lifts all the same, and would fall beside the pad.
-# One that has risen by this since it was levelled, m, and rises faster than this, m/s, flies on.
-# Telemetry whose height alone is wrong does not show both, and a deck that was seen to heave may
-# carry the vehicle up.
+# One that has risen by this since it touched, m, and rises by this, m/s, faster than its deck ever
+# did flies on: one of 1.5 m/s^3 that waved off as it touched rose so gently to 0.2 m that it seemed
+# to stand still, and was levelled there. Telemetry whose height alone is wrong does not show both.
 LIFTED_M, LIFTS_MPS = 0.08, 0.15
 
 DISARM_EVERY_S = 0.5  # until the vehicle is disarmed: one command may be lost
@@ -140,6 +140,7 @@ class ContactMotion:
     pad_speed: float  # the pad's horizontal speed, relative to which slip is measured, m/s
     heave: float  # the pad's vertical velocity as last known, downward positive, m/s
     sigma_heave: float  # m/s
+    fastest_heave: float  # the pad's largest vertical speed that was certain, m/s
 
     @property
     def slip_error(self) -> float:
@@ -189,7 +190,7 @@ class Touchdown:
         self._in_air: tuple[float, float] | None = None
         self._flew_t = -math.inf  # when it was last seen to sink as it would in the air, s
         self._level = self.stands = self.has_rested = False
-        self._level_down: float | None = None  # local z of the feet when it was levelled, m
+        self._lowest_down = -math.inf  # lowest local z of the feet since contact, m
         self._tilt = 0.0  # largest since commit, rad
         self.turned_over = False
         self._disarm_t = -math.inf
@@ -295,19 +296,7 @@ class Touchdown:
         self._lies_since = self._flat_since = self._still_since = math.inf
         self._held_down, self._asked_t = -math.inf, math.inf
         self._level = self.stands = self.has_rested = False
-        self._level_down = None
-
-    def lifts(self, feet_down: float, climb_mps: float) -> bool:
-        """Tell whether a levelled vehicle rises from its pad; not to be trusted if that heaves.
-
-        Args:
-            feet_down: local z of the feet, m; called at every control step while it is level.
-            climb_mps: measured climb rate, m/s.
-        """
-        if self._level_down is None:
-            self._level_down = feet_down
-        lifted = self._level_down - feet_down > LIFTED_M and climb_mps > LIFTS_MPS
-        return lifted and not self.turned_over
+        self._lowest_down = -math.inf
 
     def settle(self, t: float) -> None:
         """Note that the vehicle has stood on the pad since t (s), and is to stand level."""
@@ -399,6 +388,8 @@ class Touchdown:
         """
         if self.turned_over:
             return True
+        if self._lifts(motion) and (self._level or not tips):
+            self.press(now)
         is_pressed = self._is_pressed(now, motion, ordered) or released
         if not is_pressed:
             self._flew_t = now  # as far as is known
@@ -420,12 +411,16 @@ class Touchdown:
         sinks = self._sinks(now)
         begins = is_time and may_begin and not sinks
         self._level = begins or (self._level and (not sinks or self._rebounds(motion)))
-        if not self._level:
-            self._level_down = None
         self.stands = stands or self._level or confirmed
         rests = motion.slip < MAX_SLIP_MPS + motion.slip_error
         self.has_rested = self.stands and (self.has_rested or rests)
         return self._level
+
+    def _lifts(self, motion: ContactMotion) -> bool:
+        """Tell whether it rises from its pad; called at each control step."""
+        self._lowest_down = max(self._lowest_down, motion.feet_down)
+        risen_m = self._lowest_down - motion.feet_down
+        return risen_m > LIFTED_M and -motion.sink_rate > LIFTS_MPS + motion.fastest_heave
 
     def _is_pressed(self, now: float, motion: ContactMotion, ordered: float) -> bool:
         """Tell whether something holds the vehicle up; called once at each control step.

@@ -202,6 +202,7 @@ STILL = ContactMotion(
     pad_speed=0.0,
     heave=0.0,
     sigma_heave=0.0,
+    fastest_heave=0.0,
 )
 
 
@@ -241,6 +242,18 @@ class Standing:
                 )
             )
         return due
+
+
+def test_a_vehicle_that_rises_gently_as_its_thrust_comes_back_is_not_levelled_in_the_air() -> None:
+    standing = Standing()
+    assert not any(standing.level(0.6, roll_pitch_rate=1.0))
+    assert not any(standing.level(0.7, sinks=-0.2, sink_rate=-0.2))
+    assert not any(standing.level(0.2, sinks=-0.1, sink_rate=-0.1))
+
+
+def test_a_deck_that_heaves_carries_a_vehicle_up_and_it_is_levelled_all_the_same() -> None:
+    standing = Standing()
+    assert any(standing.level(1.0, sinks=-0.2, sink_rate=-0.2, heave=-0.2, fastest_heave=0.2))
 
 
 def test_it_stands_level_soon_after_contact_and_stays_so() -> None:
@@ -357,7 +370,9 @@ def test_a_vehicle_that_flew_on_after_a_false_contact_is_not_levelled_on_one_edg
 def test_levelled_it_stays_so_on_a_deck_that_heaves_out_of_sight() -> None:
     # It heaves at 0.3 m/s. Without thrust what is in the air falls.
     standing = Standing()
-    assert standing.level(1.5, sinks=-0.2, sink_rate=-0.2, heave=-0.2, sigma_heave=0.03)[-1]
+    assert standing.level(
+        1.5, sinks=-0.2, sink_rate=-0.2, heave=-0.2, sigma_heave=0.03, fastest_heave=0.14
+    )[-1]
     assert all(standing.level(1.0, sinks=0.35, sink_rate=0.35, heave=0.0, sigma_heave=0.3))
     assert not any(standing.level(0.5, sinks=1.0, sink_rate=1.0, heave=0.0, sigma_heave=0.3))
 
