@@ -10,6 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+# How the names of still images end that OpenCV reads.
+IMAGES = frozenset(
+    {".png", ".jpg", ".jpeg", ".jp2", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
+)
+
 # However the camera was held: a calibration is of the pixels as the sensor has them.
 _READ_AS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 _TIFF: Mapping[bytes, Literal["little", "big"]] = {b"II*\0": "little", b"MM\0*": "big"}

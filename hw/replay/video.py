@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.messages import Frame
-from landerd.opencv_files import grey_image, opencv_name
+from landerd.opencv_files import IMAGES, grey_image, opencv_name
 
 TIMES = "times.csv"  # in a folder of images: NAME,SECONDS a line
 _RATE_FRAMES = 31  # that tell the rate of a video
-_IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"}
 
 
 class VideoError(Exception):
@@ -111,7 +110,7 @@ def _times(path: Path) -> list[tuple[float, Path]]:
             if not image.is_file():
                 raise VideoError(f"{image}: named in {TIMES} and not there")
     else:
-        for image in sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGES):
+        for image in sorted(p for p in path.iterdir() if p.suffix.lower() in IMAGES):
             digits = image.stem.rpartition("-")[2].rpartition("_")[2]
             try:
                 found.append((_seconds(digits), image))

@@ -20,7 +20,7 @@ from landerd.config.files import own_or
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3, cross, dot, scale, sub
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Sightings
-from landerd.opencv_files import grey_image, opencv_name
+from landerd.opencv_files import IMAGES, grey_image, opencv_name
 from landerd.pad import PadError, PadLayout, Ring, load_pad
 from landerd.vision import Vision
 from landerd.vision.disagreement import Disagreement
@@ -33,7 +33,6 @@ from landerd.vision.draw import draw
 _LEAST_SEARCHES, _MOST_SEARCHES = 37, 54
 _MOST_CAMERAS = 1000  # a number from here on is not taken for a camera's
 _READOUT_S = 0.02  # readout time assumed of the camera's rolling shutter, s
-_IMAGES = {".png", ".jpg", ".jpeg", ".jp2", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
 # Formats that OpenCV cannot read, or only as videos.
 _OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".dng", ".gif"}
 _BITS = 8  # bits per pixel of the pictures that are searched
@@ -234,7 +233,7 @@ def pictures(source: str, refuse: Refuse) -> Iterator[Picture]:
             files = sorted(path.iterdir())
         except OSError as e:
             raise SourceError(f"{source}: cannot be read: {e.strerror}") from None
-        images = [p for p in files if p.suffix.lower() in _IMAGES]
+        images = [p for p in files if p.suffix.lower() in IMAGES]
         for file in files:
             if file.suffix.lower() in _OTHER_IMAGES:
                 refuse(SourceError(f"{file}: not read; save it as PNG or JPEG"))
@@ -247,7 +246,7 @@ def pictures(source: str, refuse: Refuse) -> Iterator[Picture]:
                 refuse(e)
             else:
                 yield picture
-    elif path.suffix.lower() in _IMAGES and "://" not in source:
+    elif path.suffix.lower() in IMAGES and "://" not in source:
         yield _still(path)
     else:
         yield from _frames(source)

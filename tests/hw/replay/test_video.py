@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hw.replay.video import VideoError, read_video
+from landerd.opencv_files import IMAGES
 from tests.tiffs import tiff
 
 GREY = np.full((48, 64), 128, np.uint8)
@@ -67,6 +68,14 @@ def test_pictures_that_are_none_or_of_another_size_are_refused(tmp_path: Path) -
     second.unlink()
     second.mkdir()
     assert re.match("f-1.0.png: cannot be read: Is a directory", refused(tmp_path))
+
+
+@pytest.mark.parametrize("ending", sorted(IMAGES))
+def test_no_frame_of_a_folder_is_left_out(ending: str, tmp_path: Path) -> None:
+    folder(tmp_path, "f-0.0.png")
+    image = GREY if ending == ".pgm" else cv2.cvtColor(GREY, cv2.COLOR_GRAY2BGR)
+    cv2.imwrite(str(tmp_path / f"f-1.0{ending}"), image)
+    assert [frame.t for frame in read_video(tmp_path)] == [0.0, 1.0]
 
 
 def test_a_jpeg_is_not_rotated_by_its_orientation_tag(tmp_path: Path) -> None:
