@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 from landerd.estimation.pad_filter import PadEstimate
@@ -28,11 +27,15 @@ HALF_KNOWN_HEAVE_MPS = 0.15
 CAMERA_PLACE_SIGMA_M = 0.01
 
 
-@dataclass(frozen=True)  # no slots, which cached properties do not allow
+@dataclass  # not frozen, though nobody changes one: that takes a third of the time to make
 class RelativeState:
     """The pad relative to the vehicle; an error is pad minus vehicle.
 
     The log records these fields under these names.
+
+    Attributes:
+        distance: planar distance d_p (thesis 2.4.5), m.
+        height: of the feet over the pad's plane, m; that is level beyond PAD_REACH_M.
     """
 
     error: Vec3  # landing point minus centre of the feet, local NED, m
@@ -47,6 +50,12 @@ class RelativeState:
     sigma_velocity: float = 0.0  # of its horizontal velocity, m/s
     normal: Vec3 = (0.0, 0.0, 1.0)  # unit vector into the pad, local NED
     sigma_height: float = 0.0  # of the error's vertical part, m
+
+    def __post_init__(self) -> None:
+        self.distance = horizontal(self.error)
+        north, east, down = self.error
+        k = PAD_REACH_M / max(self.distance, PAD_REACH_M)
+        self.height = dot((k * north, k * east, down), self.normal)
 
     @classmethod
     def between(
@@ -86,13 +95,6 @@ class RelativeState:
         """Velocity of the vehicle, local NED, m/s."""
         return sub(self.pad_velocity, self.error_rate)
 
-    @cached_property
-    def height(self) -> float:
-        """Height of the feet over the pad's plane, m; that is level beyond PAD_REACH_M."""
-        north, east, down = self.error
-        k = PAD_REACH_M / max(self.distance, PAD_REACH_M)
-        return dot((k * north, k * east, down), self.normal)
-
     @property
     def least_height(self) -> float:
         """Height of the feet over the pad minus 2 sigma, m."""
@@ -107,11 +109,6 @@ class RelativeState:
     def sure_heave(self) -> float:
         """Vertical velocity of the pad minus 2 sigma, m/s: it sinks no slower than this."""
         return self.pad_velocity[2] - 2.0 * self.sigma_heave
-
-    @cached_property
-    def distance(self) -> float:
-        """Planar distance d_p (thesis 2.4.5), m."""
-        return horizontal(self.error)
 
     @property
     def course_rate(self) -> float:
