@@ -7,6 +7,7 @@ to it are those at its exposure, not the newest ones.
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from operator import sub
 
 from landerd.geometry import wrap
 
@@ -25,6 +26,9 @@ class History:
     Where rates come with them, values between two measurements lie on the cubic that has both
     (Hermite interpolation): at 25 Hz a straight line through the attitude of a nimble airframe is
     off by half a degree.
+
+    Attributes:
+        newest: time (s) and values of the newest measurement; None: there is none.
     """
 
     def __init__(
@@ -50,17 +54,13 @@ class History:
         self._held_s = max_gap_s if held_s is None else held_s
         self._angles = angles
         self.max_gap_s = max_gap_s
+        self.newest: tuple[float, Values] | None = None
         self._times: list[float] = []
         self._values: list[Values] = []
         self._slopes: list[Values] = []  # the rates of each, reckoned once; empty without rates
         # The same few times about an exposure are asked for again and again, and what lies between
         # two measurements stays what it is.
         self._between = lru_cache(maxsize=8)(self._interpolated)
-
-    @property
-    def newest(self) -> tuple[float, Values] | None:
-        """Time and values of the newest measurement."""
-        return (self._times[-1], self._values[-1]) if self._times else None
 
     def just_before(self, t: float) -> tuple[float, Values] | None:
         """Return the age at t (s) of the newest measurement, and its values.
@@ -77,12 +77,13 @@ class History:
 
     def age(self, now: float) -> float:
         """Return the age of the newest measurement at time now, s; infinite without one."""
-        return now - self._times[-1] if self._times else float("inf")
+        return now - self.newest[0] if self.newest is not None else float("inf")
 
     def add(self, t: float, values: Values) -> bool:
         """Add a measurement; one that is not newer than the last is refused (False)."""
         if self._times and t <= self._times[-1]:
             return False
+        self.newest = (t, values)
         self._times.append(t)
         self._values.append(values)
         if self._rates is not None:
@@ -98,6 +99,7 @@ class History:
     def clear(self) -> None:
         """Forget all measurements, as after a restart of the source."""
         self._between.cache_clear()
+        self.newest = None
         self._times.clear()
         self._values.clear()
         self._slopes.clear()
@@ -120,7 +122,7 @@ class History:
         dt = t1 - t0
         k = (t - t0) / dt
         before, after = self._values[i - 1], self._values[i]
-        steps = self._wrapped([b - a for a, b in zip(before, after, strict=True)])
+        steps = self._wrapped(tuple(map(sub, after, before)))
         line = [a + k * step for a, step in zip(before, steps, strict=True)]
         if self._slopes:
             # What the cubic adds to the line: shares of the step and of the rates at both ends.
@@ -142,5 +144,4 @@ class History:
         return self._wrapped([*on, *values[len(on) :]])
 
     def _wrapped(self, values: Sequence[float]) -> Values:
-        # A list, not a generator: this runs thousands of times a flight.
-        return (*[wrap(angle) for angle in values[: self._angles]], *values[self._angles :])
+        return (*map(wrap, values[: self._angles]), *values[self._angles :])
