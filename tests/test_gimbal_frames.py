@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from landerd.geometry import Vec3, matmul, rot_y, rot_z, rot_zyx
+from landerd.geometry import matmul, rot_y, rot_z, rot_zyx
 from landerd.gimbal_frames import rotation_local_base, rotation_local_gimbal
 from landerd.messages import Reference
 
@@ -18,20 +18,21 @@ LEANS = st.floats(-0.4, 0.4)
 def test_servos_are_placed_alike_by_the_airframe_and_by_a_sensor_on_the_camera(
     servo: float, roll: float, pitch: float, heading: float, yaw: float
 ) -> None:
-    attitude: Vec3 = (roll, pitch, heading)
-    true = matmul(rot_zyx(heading, pitch, roll), matmul(rot_z(yaw), rot_y(servo)))
-    by_body = rotation_local_gimbal(Reference.BODY, attitude, (yaw, servo, 0.0))
+    body = rot_zyx(heading, pitch, roll)
+    true = matmul(body, matmul(rot_z(yaw), rot_y(servo)))
+    by_body = rotation_local_gimbal(Reference.BODY, body, heading, (yaw, servo, 0.0))
     # What an accelerometer on the camera tells: the last row is gravity in its frame.
     felt = math.atan2(-true[2][0], true[2][2])
-    by_tilt = rotation_local_gimbal(Reference.TILT, attitude, (yaw, felt, 0.0))
+    by_tilt = rotation_local_gimbal(Reference.TILT, body, heading, (yaw, felt, 0.0))
     for i in range(3):
         assert by_body[i] == pytest.approx(true[i], abs=1e-9)
         assert by_tilt[i] == pytest.approx(true[i], abs=1e-9)
 
 
 def test_a_stabilised_gimbal_compensates_the_lean_and_turns_with_the_heading() -> None:
-    assert rotation_local_gimbal(
-        Reference.HORIZON, (0.3, -0.2, 0.5), (0.1, -0.6, 0.0)
-    ) == rotation_local_gimbal(Reference.HORIZON, (0.0, 0.0, 0.5), (0.1, -0.6, 0.0))
-    assert rotation_local_base(Reference.HORIZON, (0.3, -0.2, 0.5)) == rot_z(0.5)
-    assert rotation_local_base(Reference.BODY, (0.3, -0.2, 0.5)) == rot_zyx(0.5, -0.2, 0.3)
+    leaning, level, angles = rot_zyx(0.5, -0.2, 0.3), rot_z(0.5), (0.1, -0.6, 0.0)
+    assert rotation_local_gimbal(Reference.HORIZON, leaning, 0.5, angles) == rotation_local_gimbal(
+        Reference.HORIZON, level, 0.5, angles
+    )
+    assert rotation_local_base(Reference.HORIZON, leaning, 0.5) == level
+    assert rotation_local_base(Reference.BODY, leaning, 0.5) == leaning

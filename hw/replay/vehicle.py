@@ -111,7 +111,7 @@ class RecordedVehicle:
         roll, pitch, yaw = attitude[:3]
         angles = (gimbal.yaw, gimbal.pitch, gimbal.roll)
         R_local_gimbal = gimbal_frames.rotation_local_gimbal(
-            gimbal.reference, (roll, pitch, yaw), angles
+            gimbal.reference, rot_zyx(yaw, pitch, roll), yaw, angles
         )
         return matmul(R_local_gimbal, R_GIMBAL_CAMERA)
 

@@ -248,8 +248,9 @@ class PoseHistory:
             return None
         roll, pitch, yaw = attitude[:3]
         origin = (position[0], position[1], position[2])
-        pivot = add(origin, rotate(rot_zyx(yaw, pitch, roll), self._camera_offset))
-        return CameraPose(pivot, self._compose_rotation(attitude, gimbal))
+        R_local_body = rot_zyx(yaw, pitch, roll)
+        pivot = add(origin, rotate(R_local_body, self._camera_offset))
+        return CameraPose(pivot, self._compose_rotation(R_local_body, yaw, gimbal))
 
     def feet(self, t: float) -> tuple[Vec3, Vec3] | None:
         """Return the centre of the feet and the vector from there to the camera at t (s), local, m.
@@ -272,14 +273,14 @@ class PoseHistory:
         attitude, gimbal = self.attitude.at(attitude_t), self.gimbal.at(gimbal_t)
         if attitude is None or gimbal is None:
             return None
-        return self._compose_rotation(attitude, gimbal)
-
-    def _compose_rotation(self, attitude: Values, gimbal: Values) -> Mat3:
-        """Return R_local_camera from values of the attitude's and the gimbal's history."""
         roll, pitch, yaw = attitude[:3]
+        return self._compose_rotation(rot_zyx(yaw, pitch, roll), yaw, gimbal)
+
+    def _compose_rotation(self, R_local_body: Mat3, heading: float, gimbal: Values) -> Mat3:
+        """Return R_local_camera; heading: of the body, rad; gimbal: values of its history."""
         angles = (gimbal[0], gimbal[1], gimbal[2])
         R_local_gimbal = gimbal_frames.rotation_local_gimbal(
-            self._reference, (roll, pitch, yaw), angles
+            self._reference, R_local_body, heading, angles
         )
         return matmul(R_local_gimbal, self._R_gimbal_camera)
 
@@ -312,4 +313,4 @@ class PoseHistory:
         R = rot_zyx(yaw, pitch, roll)
         origin = (x + dt * u, y + dt * v, z + dt * w)
         pivot = add(origin, rotate(R, self._camera_offset))
-        return pivot, gimbal_frames.rotation_local_base(self._reference, (roll, pitch, yaw))
+        return pivot, gimbal_frames.rotation_local_base(self._reference, R, yaw)

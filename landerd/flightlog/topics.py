@@ -125,10 +125,11 @@ class TopicWriter(ABC):
         elif isinstance(message, GimbalState) and self._attitude is not None:
             a = self._attitude
             angles = (message.yaw, message.pitch, message.roll)
+            R_local_body = _R_local_body(a)
             R_local_gimbal = gimbal_frames.rotation_local_gimbal(
-                message.reference, (a.roll, a.pitch, a.yaw), angles
+                message.reference, R_local_body, a.yaw, angles
             )
-            R_body_gimbal = matmul(transpose(_R_local_body(a)), R_local_gimbal)
+            R_body_gimbal = matmul(transpose(R_local_body), R_local_gimbal)
             R = matmul(R_body_gimbal, self._R_gimbal_camera)
             offset = self._head.config.vehicle.camera_offset_m
             self._transform(now, message.t, "body", "camera", offset, R)
