@@ -75,6 +75,7 @@ class Phases:
         phase: the current one.
         leans: the vehicle leans too far, against wind, to touch the pad.
         goes_around: it was low over the pad, unfit to land, and climbs to try again.
+        widening: factor on the descent region's radius, more than 1 after waiting.
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class Phases:
         """Take new bounds; most_lean in rad."""
         self._options = options
         self._most_lean = most_lean
+        self._most_widening = most_widening(options)
         self._touchdown_s = options.commit_height_m / COMMITTED_SINK_RATE_MPS
         self._align = math.radians(options.align_deg)
         self._realign = math.radians(options.realign_deg)
@@ -112,12 +114,7 @@ class Phases:
         self.goes_around = False
         self._unfit = ""  # why it goes around, for the pilot; "": because it is off
         self._waited_s = 0.0  # in DESCENT
-
-    @property
-    def widening(self) -> float:
-        """Factor on the descent region's radius, more than 1 after waiting."""
-        k = clamp((self._waited_s - WIDENS_AFTER_S) / WIDENS_S, 0.0, 1.0)
-        return 1.0 + k * (most_widening(self._options) - 1.0)
+        self.widening = 1.0
 
     def _radius(self, height: float) -> float:
         return self.widening * descent_radius(self._options, height)
@@ -170,6 +167,8 @@ class Phases:
         """
         if self.phase is Phase.DESCENT and -relative.error_rate[2] < WAITS_MPS:
             self._waited_s += dt
+        k = clamp((self._waited_s - WIDENS_AFTER_S) / WIDENS_S, 0.0, 1.0)
+        self.widening = 1.0 + k * (self._most_widening - 1.0)
         k = min(1.0, dt / LEAN_S)
         self._down = towards(self._down or down, down, k)
         self._lagging = towards(self._lagging or down, self._down, k)
@@ -232,8 +231,10 @@ class Phases:
 
     def is_blind(self, relative: RelativeState, sighting_age: float) -> bool:
         """Tell whether it is below the commit height with sight (of this age, s) too old for it."""
+        if relative.height >= self._options.commit_height_m:
+            return False
         blind_s = sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S
-        return relative.height < self._options.commit_height_m and blind_s >= MAX_BLIND_S
+        return blind_s >= MAX_BLIND_S
 
     def _why_unfit(self, relative: RelativeState, sighting_age: float, *, arrives: bool) -> str:
         """Return why it is not fit to commit, for the pilot; "" where it is.
