@@ -218,18 +218,20 @@ class Estimator:
 
     def has_fresh_vehicle(self, now: float) -> bool:
         """Tell whether position and attitude are young enough to be flown on (rule 5)."""
-        return self.stale(now) not in ("attitude", "position")
+        return self._stale_vehicle(now) is None
 
     def stale(self, now: float) -> Literal["attitude", "position", "gimbal"] | None:
         """Return the first source that is too old to be flown on (rule 5), None if none is."""
+        late_s = self._clock_s if self._gimbal_from_autopilot else 0.0
+        is_stale = self.poses.gimbal.age(now) + late_s > self._freshness.gimbal_s
+        return self._stale_vehicle(now) or ("gimbal" if is_stale else None)
+
+    def _stale_vehicle(self, now: float) -> Literal["attitude", "position"] | None:
         fresh, poses = self._freshness, self.poses
         if poses.attitude.age(now) + self._clock_s > fresh.attitude_s:
             return "attitude"
         if poses.position.age(now) + self._clock_s > fresh.position_s:
             return "position"
-        gimbal_late_s = self._clock_s if self._gimbal_from_autopilot else 0.0
-        if poses.gimbal.age(now) + gimbal_late_s > fresh.gimbal_s:
-            return "gimbal"
         return None
 
     def prior(self, t: float) -> Prior:

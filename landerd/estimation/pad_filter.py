@@ -280,10 +280,11 @@ class PadFilter:
         return self._at(now) if is_tried and now - self._accepted_t <= within_s else None
 
     def _at(self, now: float) -> PadEstimate:
-        position, velocity, covariance = self._motion.at(max(0.0, now - self._motion.t))
+        ahead_s = max(0.0, now - self._motion.t)
+        position, velocity, covariance = self._motion.at(ahead_s)
         heading, sigma_heading = self._heading.at(now) if self._heading.known else (0.0, math.inf)
         known = sigma_heading < MAX_SIGMA_HEADING
-        sigma_velocity, sigma_heave = self._motion.sigma_velocity(max(0.0, now - self._motion.t))
+        sigma_velocity, sigma_heave = self._motion.sigma_velocity(ahead_s)
         return PadEstimate(
             t=now,
             position=position,
