@@ -145,15 +145,11 @@ class LandingContext:
         health = self.estimator.health.newest
         if health is None or health.sightings < LEAST_SIGHTINGS:
             return
-        for is_bad, text in (
-            (health.refused > MOST_REFUSED, pilot_texts.MANY_REFUSED),
-            (
-                health.picture_age_s > MOST_LATE * self.options.lost.after_s,
-                pilot_texts.LATE_PICTURES,
-            ),
-        ):
-            if is_bad:
-                self.orders.say(Severity.WARNING, text, every_s=pilot_texts.REMIND_S)
+        every_s = pilot_texts.REMIND_S
+        if health.refused > MOST_REFUSED:
+            self.orders.say(Severity.WARNING, pilot_texts.MANY_REFUSED, every_s=every_s)
+        if health.picture_age_s > MOST_LATE * self.options.lost.after_s:
+            self.orders.say(Severity.WARNING, pilot_texts.LATE_PICTURES, every_s=every_s)
 
     def watch(self, step: ControlStep) -> None:
         """Update the sight of the pad and what follows from it; in each step, whoever flies."""

@@ -59,16 +59,19 @@ class RestDetector:
         is_there = relative.height <= MAX_CONTACT_HEIGHT_M and not self._footprint.will_miss(
             relative, sight.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
         )
+        changes = self._height_rate(relative.height, dt)
+        if not is_there:
+            self._since = self._low_since = math.inf
+            self.is_possible = False
+            return
         # Early in a flight the lens's errors are not known yet: ON_GROUND serves as well.
         is_low = relative.least_height <= BUILD_ERROR_M or landed is Landed.ON_GROUND
-        changes = self._height_rate(relative.height, dt)
         up = abs(changes if sight.climb_rate_is_wrong else relative.error_rate[2])
         across = horizontal(relative.error_rate)
-        rests = is_there and up < RESTS_MPS and across < o.descent.commit_slip_mps
+        rests = up < RESTS_MPS and across < o.descent.commit_slip_mps
         # After a gap the first pictures leave the pad's velocity uncertain.
         self.is_possible = (
-            is_there
-            and up < RESTS_MPS + 2.0 * relative.sigma_heave
+            up < RESTS_MPS + 2.0 * relative.sigma_heave
             and across < o.descent.commit_slip_mps + 2.0 * relative.sigma_velocity
         )
         self._since = min(self._since, now) if rests else math.inf

@@ -188,7 +188,7 @@ class Tracking:
         ordered = self._context.orders.velocity
         flown = relative.vehicle_velocity
         off = norm(sub(ordered, flown))
-        if off <= max(UNFOLLOWED_MPS, UNFOLLOWED_SHARE * norm(ordered)):
+        if off <= UNFOLLOWED_MPS or off <= UNFOLLOWED_SHARE * norm(ordered):
             self._followed_t = now
         elif now - self._followed_t > UNFOLLOWED_S:
             text = pilot_texts.UNFOLLOWED.format(flown=norm(flown), ordered=norm(ordered))
