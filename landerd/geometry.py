@@ -179,6 +179,30 @@ def matsub(a: Mat3, b: Mat3) -> Mat3:
     )
 
 
+def sub_product(m: Mat3, a: Mat3, b: Mat3) -> Mat3:
+    """Return m - a b^T."""
+    (x, y, z), (u, v, w), (p, q, r) = a
+    (c, d, e), (f, g, h), (i, j, k) = b
+    (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = m
+    return (
+        (
+            m00 - (x * c + y * d + z * e),
+            m01 - (x * f + y * g + z * h),
+            m02 - (x * i + y * j + z * k),
+        ),
+        (
+            m10 - (u * c + v * d + w * e),
+            m11 - (u * f + v * g + w * h),
+            m12 - (u * i + v * j + w * k),
+        ),
+        (
+            m20 - (p * c + q * d + r * e),
+            m21 - (p * f + q * g + r * h),
+            m22 - (p * i + q * j + r * k),
+        ),
+    )
+
+
 def matscale(a: Mat3, k: float) -> Mat3:
     """Return k a."""
     (x, y, z), (u, v, w), (p, q, r) = a

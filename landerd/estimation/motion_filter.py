@@ -33,13 +33,13 @@ from landerd.geometry import (
     matmul,
     matmul_transposed,
     matscale,
-    matsub,
     outer,
     rot_z,
     rotate,
     rotate_covariance,
     scale,
     sub,
+    sub_product,
     transpose,
 )
 
@@ -159,7 +159,8 @@ class MotionFilter:
     def is_sound(self) -> bool:
         """Whether no variance is negative, as rounding or understated noise may make it."""
         blocks = (self.Ppp, self.Pvv, self.Pbb, self.Pgg)
-        return all(P[i][i] >= 0.0 for P in blocks for i in range(3))  # NaN is not
+        # NaN is not sound.
+        return all(P[0][0] >= 0.0 and P[1][1] >= 0.0 and P[2][2] >= 0.0 for P in blocks)
 
     @property
     def state(self) -> MotionState:
@@ -187,7 +188,9 @@ class MotionFilter:
         self.t = t
         self._coupling.predict(dt, self.turn_rate, self.velocity)
         turn, ahead = self._transition(dt)
-        self.position, self.velocity, self.Ppp = self.at(dt)
+        self.position = add(self.position, rotate(ahead, self.velocity))
+        self.velocity = rotate(turn, self.velocity)
+        self.Ppp = self._position_covariance_after(dt)
         self.Ppv = matmul_transposed(matadd(self.Ppv, matmul(ahead, self.Pvv)), turn)
         self.Ppv = add_diagonal(self.Ppv, scale(self.q, 0.5 * dt * dt))
         self.Pvv = add_diagonal(rotate_covariance(turn, self.Pvv), scale(self.q, dt))
@@ -209,7 +212,7 @@ class MotionFilter:
         self.biases = _times(b, keep_b), _times(g, keep_g)
         self._Ppb, self._Pvb = _columns(self._Ppb, keep_b), _columns(self._Pvb, keep_b)
         self._Ppg, self._Pvg = _columns(self._Ppg, keep_g), _columns(self._Pvg, keep_g)
-        self._Pbg = _product(self._Pbg, outer(keep_b, keep_g))
+        self._Pbg = _scaled(self._Pbg, keep_b, keep_g)
         self.Pbb = _faded(self.Pbb, keep_b, self._initial_Pbb)
         self.Pgg = _faded(self.Pgg, keep_g, self._initial_Pgg)
 
@@ -220,7 +223,7 @@ class MotionFilter:
         Uv = _with_products(transpose(self.Ppv), self._Pvb, b, self._Pvg, g)
         Ub = _with_products(transpose(self._Ppb), self.Pbb, b, self._Pbg, g)
         Ug = _with_products(transpose(self._Ppg), transpose(self._Pbg), b, self.Pgg, g)
-        S = matadd(_with_products(Up, b, transpose(Ub), g, transpose(Ug)), R)
+        S = matadd(matadd(Up, matadd(matmul(b, Ub), matmul(g, Ug))), R)
         vector = sub(sub(measured, self.position), _apparent_shift(B, self.biases))
         p, _, by_b, by_g = self._coupling.sensitivity
         coupling_jacobian = add(p, _apparent_shift(B, (by_b, by_g)))
@@ -242,32 +245,37 @@ class MotionFilter:
         self.position = add(self.position, rotate(Kp, vector))
         self.velocity = add(self.velocity, rotate(Kv, vector))
         b, g = self.biases
-        K_clock = rotate(innovation.with_noise(coloured).S_inverse, Ub[2])
+        K_clock = rotate(inverse(matadd(innovation.S, coloured)), Ub[2])
         clock = b[2] + dot(K_clock, vector)
         clock_variance = self.Pbb[2][2] - dot(K_clock, Ub[2])
         about_x, about_y, _ = add(b, rotate(Kb, vector))
         self.biases = (about_x, about_y, clock), add(g, rotate(Kg, vector))
-        self.Ppp = _symmetric(_corrected(self.Ppp, Kp, Up))
-        self.Ppv = _corrected(self.Ppv, Kp, Uv)
-        self.Pvv = _symmetric(_corrected(self.Pvv, Kv, Uv))
-        self._Ppb = _corrected(self._Ppb, Kp, Ub)
-        self._Pvb = _corrected(self._Pvb, Kv, Ub)
-        x, y, z = _symmetric(_corrected(self.Pbb, Kb, Ub))
+        self.Ppp = _symmetric(sub_product(self.Ppp, Kp, Up))
+        self.Ppv = sub_product(self.Ppv, Kp, Uv)
+        self.Pvv = _symmetric(sub_product(self.Pvv, Kv, Uv))
+        self._Ppb = sub_product(self._Ppb, Kp, Ub)
+        self._Pvb = sub_product(self._Pvb, Kv, Ub)
+        x, y, z = _symmetric(sub_product(self.Pbb, Kb, Ub))
         self.Pbb = (x, y, (z[0], z[1], clock_variance))
-        self._Ppg = _corrected(self._Ppg, Kp, Ug)
-        self._Pvg = _corrected(self._Pvg, Kv, Ug)
-        self._Pbg = _corrected(self._Pbg, Kb, Ug)
-        self.Pgg = _symmetric(_corrected(self.Pgg, Kg, Ug))
+        self._Ppg = sub_product(self._Ppg, Kp, Ug)
+        self._Pvg = sub_product(self._Pvg, Kv, Ug)
+        self._Pbg = sub_product(self._Pbg, Kb, Ug)
+        self.Pgg = _symmetric(sub_product(self.Pgg, Kg, Ug))
         self._correct_coupling(innovation, (Kp, Kv, (*Kb[:2], K_clock), Kg))
 
     def _correct_coupling(self, innovation: Innovation, K: tuple[Mat3, Mat3, Mat3, Mat3]) -> None:
         """Correct the coupling and what it changes in the state; K: gains of p, v, b and g."""
         expected = innovation.coupling_jacobian
-        p, v, b, g = (
-            sub(x, rotate(k, expected)) for x, k in zip(self._coupling.sensitivity, K, strict=True)
+        p, v, b, g = self._coupling.sensitivity
+        Kp, Kv, Kb, Kg = K
+        sensitivity = (
+            sub(p, rotate(Kp, expected)),
+            sub(v, rotate(Kv, expected)),
+            sub(b, rotate(Kb, expected)),
+            sub(g, rotate(Kg, expected)),
         )
         p, v, b, g = self._coupling.correct(
-            innovation.vector, expected, innovation.S_inverse, (p, v, b, g)
+            innovation.vector, expected, innovation.S_inverse, sensitivity
         )
         self.position, self.velocity = add(self.position, p), add(self.velocity, v)
         self.biases = add(self.biases[0], b), add(self.biases[1], g)
@@ -309,14 +317,14 @@ def _columns(m: Mat3, k: Vec3) -> Mat3:
     return ((x * a, y * b, z * c), (x * d, y * e, z * f), (x * g, y * h, z * i))
 
 
-def _product(a: Mat3, b: Mat3) -> Mat3:
-    """Return the product element by element."""
-    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
-    (x, y, z), (u, v, w), (p, q, r) = a
+def _scaled(m: Mat3, rows: Vec3, columns: Vec3) -> Mat3:
+    """Return diag(rows) m diag(columns)."""
+    (x, y, z), (u, v, w), (p, q, r) = m
+    (a, b, c), (d, e, f) = rows, columns
     return (
-        (x * b00, y * b01, z * b02),
-        (u * b10, v * b11, w * b12),
-        (p * b20, q * b21, r * b22),
+        (x * (a * d), y * (a * e), z * (a * f)),
+        (u * (b * d), v * (b * e), w * (b * f)),
+        (p * (c * d), q * (c * e), r * (c * f)),
     )
 
 
@@ -334,17 +342,12 @@ def _faded(P: Mat3, keep: Vec3, initial: Mat3) -> Mat3:
         (1.0 - y * y) * initial[1][1],
         (1.0 - z * z) * initial[2][2],
     )
-    return add_diagonal(_product(P, outer(keep, keep)), driven)
+    return add_diagonal(_scaled(P, keep, keep), driven)
 
 
 def _with_products(P: Mat3, a: Mat3, b: Mat3, c: Mat3, d: Mat3) -> Mat3:
     """Return P + a b^T + c d^T."""
     return matadd(P, matadd(matmul_transposed(a, b), matmul_transposed(c, d)))
-
-
-def _corrected(P: Mat3, K: Mat3, U: Mat3) -> Mat3:
-    """Return P - K U^T."""
-    return matsub(P, matmul_transposed(K, U))
 
 
 def _symmetric(m: Mat3) -> Mat3:

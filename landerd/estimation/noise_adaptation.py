@@ -66,7 +66,7 @@ class NoiseAdaptation:
         The error vector is scaled, not parts of its covariance: where the errors along and across
         the line of sight are correlated, the sum of two scaled parts might not be a covariance.
         """
-        across, along = (math.sqrt(scale) for scale in self._noise_scale)
+        across, along = math.sqrt(self._noise_scale[0]), math.sqrt(self._noise_scale[1])
         d = seen.sight
         stretch = matadd_scaled(diagonal(across, across, across), outer(d, d), along - across)
         return rotate_covariance(stretch, seen.covariance)
