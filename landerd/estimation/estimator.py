@@ -6,19 +6,19 @@ from functools import lru_cache, partial
 from typing import Literal
 
 from landerd.config.models import Config
-from landerd.estimation.camera_pose import DOWN, CameraPose, PoseHistory
+from landerd.estimation.camera_pose import DOWN, PoseHistory
 from landerd.estimation.health import HealthMonitor
 from landerd.estimation.inconsistency import Inconsistency
 from landerd.estimation.observation import (
+    SIGMA_SCALE,
     BiasModel,
     ObservationModel,
     PadFix,
     PadObservation,
-    camera_axes,
 )
 from landerd.estimation.pad_filter import MAX_GAP_S, PadEstimate, PadFilter, SensorErrors
 from landerd.estimation.vehicle_state import VehicleState, slowest_foot, vehicle_state
-from landerd.geometry import Vec3, add, rotate, sub, transpose
+from landerd.geometry import Mat3, Vec3, add, rotate, sub, transpose
 from landerd.messages import (
     Attitude,
     ClockSync,
@@ -242,26 +242,28 @@ class Estimator:
         camera = self.poses.camera_pose(t_true, gimbal_back_s=back)
         if camera is None:
             return Prior(down=self.poses.down(t_true, gimbal_back_s=back))
-        down = rotate(transpose(camera.R_local_camera), DOWN)
+        R_camera_local = transpose(camera.R_local_camera)
+        down = rotate(R_camera_local, DOWN)
         pad = self.pad(t_true)
         if pad is not None and t - self.sighting_t <= PRIOR_KEEP_S:
-            return Prior(down=down, pad=self._expected(camera, pad))
+            return Prior(down=down, pad=self._expected(camera.position, R_camera_local, pad))
         maybe = self._filter.unconfirmed(t_true)
-        return Prior(down=down, maybe=self._expected(camera, maybe) if maybe else None)
+        if maybe is None:
+            return Prior(down=down)
+        return Prior(down=down, maybe=self._expected(camera.position, R_camera_local, maybe))
 
-    def _expected(self, camera: CameraPose, pad: PadEstimate) -> PadPrior:
-        """Return where a pad will appear to a camera."""
-        R_camera_local = transpose(camera.R_local_camera)
+    def _expected(self, camera: Vec3, R_camera_local: Mat3, pad: PadEstimate) -> PadPrior:
+        """Return where a pad will appear to a camera at a position, local NED, m."""
         north = None
         if pad.heading is not None:
             north = rotate(R_camera_local, (math.cos(pad.heading), math.sin(pad.heading), 0.0))
-        position = rotate(R_camera_local, sub(pad.position, camera.position))
+        arm = sub(pad.position, camera)
         # The biases shift it in this frame, too.
-        biases = BiasModel(*camera_axes(camera))
-        B = biases.jacobian(sub(pad.position, camera.position), biases.range_share)
+        about_x, about_y, _ = R_camera_local
+        B = BiasModel(about_x, about_y).jacobian(arm, SIGMA_SCALE)
         shown = rotate(R_camera_local, self._filter.apparent_shift(B))
         normal = rotate(R_camera_local, pad.normal)
-        return PadPrior(add(position, shown), pad.sigma_m, north, normal)
+        return PadPrior(add(rotate(R_camera_local, arm), shown), pad.sigma_m, north, normal)
 
 
 def _is_plausible(s: PoseSolution) -> bool:

@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 from landerd.config.models import EstimationSection
-from landerd.estimation.camera_pose import CameraPose, PoseHistory
+from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.motion_filter import Jacobian
 from landerd.geometry import (
     ZERO,
@@ -102,10 +102,11 @@ class PadObservation(NamedTuple):
     t: float  # exposure, s
     position: Vec3  # landing point, m
     arm: Vec3  # from the camera to the landing point, local NED, m
+    range_m: float  # its length, m
+    sight: Vec3  # its direction, a unit vector
     covariance: Mat3  # white noise of vision and gimbal, m^2; noise_adaptation scales it
     telemetry_noise: Mat3  # white noise of the telemetry's timing, m^2; never scaled
     biases: BiasModel
-    step_noise: Mat3  # covariance of a step in the telemetry's time or position, m^2
     heading: float | None  # rad
     sigma_heading: float  # rad; infinite without heading
     normal: Vec3  # unit vector into the pad, local NED
@@ -113,14 +114,10 @@ class PadObservation(NamedTuple):
     cost: float  # chi-square of the pose's fit to the picture
 
     @property
-    def range_m(self) -> float:
-        """Distance from the camera, m."""
-        return norm(self.arm)
-
-    @property
-    def sight(self) -> Vec3:
-        """Unit vector from the camera to the landing point, local NED."""
-        return unit(self.arm)
+    def step_noise(self) -> Mat3:
+        """Covariance of a step in the telemetry's time or position, m^2."""
+        swept = self.biases.by_clock
+        return matadd_scaled(STEP_COVARIANCE, outer(swept, swept), SIGMA_STEP_S**2)
 
     @property
     def tilt(self) -> float:
@@ -161,7 +158,8 @@ class ObservationModel:
         R = camera.R_local_camera
         covariance, sigma_yaw, sigma_tilt = _white_noise(solution)
         arm = rotate(R, solution.position)
-        if norm(arm) < MIN_RANGE_M:
+        range_m = norm(arm)
+        if range_m < MIN_RANGE_M:
             return None
         heading, sigma_heading = None, math.inf
         if solution.north is not None and solution.sigma_yaw is not None:
@@ -173,20 +171,23 @@ class ObservationModel:
         # The velocity as reported: positions differenced over so short a time would be noise.
         by_clock = add(self._poses.velocity(t_true), turning)
         # The filter's biases are total ones: undo to first order what `clocks` has corrected.
+        about_x, about_y, _ = transpose(R)
         shown = add(scale(by_clock, clocks.pictures_s), scale(by_gimbal, clocks.gimbal_s))
         return PadObservation(
             t=t,
             position=add(add(camera.position, arm), shown),
             arm=arm,
+            range_m=range_m,
+            sight=unit(arm),
             covariance=matadd(rotate_covariance(R, covariance), self._pointing_noise(arm)),
             telemetry_noise=self._telemetry_noise(sub(turning, by_gimbal), by_gimbal),
             biases=BiasModel(
-                *camera_axes(camera),
+                about_x,
+                about_y,
                 by_clock,
                 by_gimbal,
-                math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / norm(arm)),
+                math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / range_m),
             ),
-            step_noise=matadd_scaled(STEP_COVARIANCE, outer(by_clock, by_clock), SIGMA_STEP_S**2),
             heading=heading,
             sigma_heading=sigma_heading,
             normal=rotate(R, solution.normal),
@@ -245,12 +246,6 @@ class ObservationModel:
         return matscale(matadd(gimbal, outer(by_turning, by_turning)), late)
 
 
-def camera_axes(camera: CameraPose) -> tuple[Vec3, Vec3]:
-    """Return the camera's x and y, local NED."""
-    x, y, _ = transpose(camera.R_local_camera)
-    return x, y
-
-
 def _white_noise(s: PoseSolution) -> tuple[Mat3, float, float]:
     """Return the white part of a pose's covariance (m^2), sigma_yaw and sigma_tilt (rad).
 
@@ -285,7 +280,7 @@ def _sweep(at: Mat3, after: Mat3 | None, before: Mat3 | None, point: Vec3) -> Ve
         before: the same DIFFERENCE_S / 2 earlier; None: not known.
         point: camera frame, m.
     """
-    known = sum(R is not None for R in (after, before))
+    known = (after is not None) + (before is not None)
     if not known:
         return ZERO
     moved = sub(rotate(after or at, point), rotate(before or at, point))

@@ -28,11 +28,11 @@ from landerd.geometry import (
     rotate_covariance,
     scale,
     sub,
+    unit,
     wrap,
 )
 
 RATE = 30.0
-STEP_COVARIANCE = matscale(IDENTITY, 0.02**2)
 PAD: Vec3 = (12.0, -7.0, 0.4)
 OPTIONS = EstimationSection(clock_sigma_s=0.0)
 NOTHING = matscale(IDENTITY, 0.0)
@@ -77,10 +77,11 @@ def sighting(
         t=t,
         position=position,
         arm=arm,
+        range_m=norm(arm),
+        sight=unit(arm),
         covariance=covariance,
         telemetry_noise=NOTHING,
         biases=biases,
-        step_noise=STEP_COVARIANCE,
         heading=heading,
         sigma_heading=sigma_heading,
         normal=normal,
@@ -274,8 +275,8 @@ def test_a_lens_that_points_off_moves_a_pad_no_longer_when_the_vehicle_has_stopp
     close = matscale(IDENTITY, 0.01**2)
     for t in times(200):
         arm = max(1.0, 15.0 - 3.0 * t)
-        seen = sighting(t, add(PAD, (0.0, error * arm, 0.0)), covariance=close, biases=FROM_ABOVE)
-        pad_filter.update([seen._replace(arm=(0.0, 0.0, arm))])
+        off, down = add(PAD, (0.0, error * arm, 0.0)), (0.0, 0.0, arm)
+        pad_filter.update([sighting(t, off, covariance=close, biases=FROM_ABOVE, arm=down)])
         found = pad_filter.estimate(t)
         if found is not None and t > 2.0:
             assert abs(found.velocity[1]) < 1.2 * error * 3.0
@@ -294,8 +295,8 @@ def test_ranges_that_err_from_picture_to_picture_tell_nothing_of_the_lens(seed: 
         off = noise.gauss(0.0, 0.02)
         aside = (0.08 * off + noise.gauss(0.0, 0.003), noise.gauss(0.0, 0.003), off)
         biases = FROM_ABOVE._replace(range_share=0.01 + 0.05 * off)
-        seen = sighting(t, add(PAD, aside), covariance=covariance, biases=biases)
-        pad_filter.update([seen._replace(arm=add((0.0, 0.0, 2.4), aside))])
+        place, arm = add(PAD, aside), add((0.0, 0.0, 2.4), aside)
+        pad_filter.update([sighting(t, place, covariance=covariance, biases=biases, arm=arm)])
     found = pad_filter.sensor_errors
     assert math.degrees(math.hypot(found.up, found.right)) < 1.0
     assert math.degrees(found.sigma_right) > 0.8
@@ -314,10 +315,8 @@ def test_a_gimbals_noise_about_the_line_of_sight_tells_nothing_of_the_lens(seed:
         biases = FROM_ABOVE._replace(
             about_x=rotate(turned, FROM_ABOVE.about_x), about_y=rotate(turned, FROM_ABOVE.about_y)
         )
-        seen = sighting(
-            t, add(PAD, sub(arm, (1.2, 0.0, 6.0))), covariance=covariance, biases=biases
-        )
-        pad_filter.update([seen._replace(arm=arm)])
+        place = add(PAD, sub(arm, (1.2, 0.0, 6.0)))
+        pad_filter.update([sighting(t, place, covariance=covariance, biases=biases, arm=arm)])
     found = pad_filter.sensor_errors
     assert abs(math.degrees(found.up)) < 1.5  # with the newest axes: 3.4 to 4.1
 
