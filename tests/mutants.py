@@ -931,8 +931,8 @@ MUTANTS = [
     Mutant(
         "5: a leaning vehicle's heading turns as fast as its own axis",
         "landerd/estimation/vehicle_state.py",
-        "yaw_rate = euler_rates(roll, pitch, rates)[2]",
-        "yaw_rate = rates[2]",
+        "yaw_rate = poses.attitude.newest_rates[2]",
+        "yaw_rate = attitude[1][5]",
         "estimation/test_vehicle_state.py::test_a_leaning_vehicle_turns_as_its_heading_does_not_as_its_own_axis",
     ),
     Mutant(

@@ -29,6 +29,7 @@ class History:
 
     Attributes:
         newest: time (s) and values of the newest measurement; None: there is none.
+        newest_rates: its rates of change, per s; empty without rates.
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class History:
         self._angles = angles
         self.max_gap_s = max_gap_s
         self.newest: tuple[float, Values] | None = None
+        self.newest_rates: Values = ()
         self._times: list[float] = []
         self._values: list[Values] = []
         self._slopes: list[Values] = []  # the rates of each, reckoned once; empty without rates
@@ -87,7 +89,8 @@ class History:
         self._times.append(t)
         self._values.append(values)
         if self._rates is not None:
-            self._slopes.append(self._rates(values))
+            self.newest_rates = self._rates(values)
+            self._slopes.append(self.newest_rates)
         first = bisect_left(self._times, t - KEEP_S)
         # Cut in blocks: removing one entry a message from the front would move the whole list.
         if first > CUT_BLOCK:
@@ -139,8 +142,8 @@ class History:
         values = self._values[-1]
         if not self._slopes:
             return values
-        dt, rates = min(t - self._times[-1], self._ahead_s), self._slopes[-1]
-        on = [value + dt * rate for value, rate in zip(values, rates, strict=False)]
+        dt = min(t - self._times[-1], self._ahead_s)
+        on = [value + dt * rate for value, rate in zip(values, self.newest_rates, strict=False)]
         return self._wrapped([*on, *values[len(on) :]])
 
     def _wrapped(self, values: Sequence[float]) -> Values:

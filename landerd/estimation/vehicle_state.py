@@ -6,7 +6,7 @@ from typing import NamedTuple
 from landerd.config.models import VehicleSection
 from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.history import Values
-from landerd.geometry import Vec3, add, cross, dot, euler_rates, rot_zyx, rotate, scale, wrap
+from landerd.geometry import Vec3, add, cross, dot, rot_zyx, rotate, scale, wrap
 
 COURSE_MPS = 1.5  # a slower vehicle hovers: its motion is that of wind and control
 
@@ -57,14 +57,14 @@ def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> Ve
     if position is None or attitude is None:
         return None
     t, p = position
-    roll, pitch, yaw, *rates = attitude[1]
-    yaw_rate = euler_rates(roll, pitch, rates)[2]
+    roll, pitch, yaw, p_rate, q_rate, _ = attitude[1]
+    yaw_rate = poses.attitude.newest_rates[2]
     velocity = (p[3], p[4], p[5])
     origin = add((p[0], p[1], p[2]), scale(velocity, now - t))
     down = rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, 1.0))
     feet = add(origin, scale(down, vehicle.gear_height_m))
     yaw = wrap(yaw + (now - attitude[0]) * yaw_rate)
-    tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(rates[0], rates[1])
+    tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(p_rate, q_rate)
     autopilot_yaw = wrap(yaw + poses.heading_offset)
     return VehicleState(
         feet=feet,
