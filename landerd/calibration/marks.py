@@ -223,7 +223,7 @@ class MarkTrial:
 
     def _place(self, sightings: Sightings) -> Seen:
         """Return the pad of some sightings relative to the vehicle."""
-        R = self._poses.camera_rotation(sightings.t, sightings.t)
+        R = self._poses.camera_rotation(self._poses.airframe(sightings.t), sightings.t)
         attitude = self._poses.attitude.at(sightings.t)
         if not sightings.pad or R is None or attitude is None:
             return Seen(sightings.t, None, None, math.nan, math.nan)

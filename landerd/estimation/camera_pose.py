@@ -148,8 +148,8 @@ class PoseHistory:
         if before is None:
             return reported
         dt, last = before
-        rate_before, rate = (euler_rates(at[0], at[1], at[3:])[2] for at in (last, reported))
-        expected = wrap(last[2] + 0.5 * dt * (rate_before + rate))
+        rate = euler_rates(reported[0], reported[1], reported[3:])[2]
+        expected = wrap(last[2] + 0.5 * dt * (self.attitude.newest_rates[2] + rate))
         most = HEADING_NOISE + 0.5 * FASTEST_TURN * dt * dt
         jump = (0.0, 0.0, wrap(reported[2] - expected))
         if not self._headings.rejects(t, jump, most):
@@ -242,42 +242,43 @@ class PoseHistory:
             t: s.
             gimbal_back_s: how much earlier than the attitude the gimbal's angles are stamped, s.
         """
-        position, attitude = self.position.at(t), self.attitude.at(t)
-        gimbal = self.gimbal.at(t - gimbal_back_s)
-        if position is None or attitude is None or gimbal is None:
+        position, airframe = self.position.at(t), self.airframe(t)
+        R_local_camera = self.camera_rotation(airframe, t - gimbal_back_s)
+        if position is None or airframe is None or R_local_camera is None:
             return None
-        roll, pitch, yaw = attitude[:3]
         origin = (position[0], position[1], position[2])
-        R_local_body = rot_zyx(yaw, pitch, roll)
-        pivot = add(origin, rotate(R_local_body, self._camera_offset))
-        return CameraPose(pivot, self._compose_rotation(R_local_body, yaw, gimbal))
+        pivot = add(origin, rotate(airframe[0], self._camera_offset))
+        return CameraPose(pivot, R_local_camera)
 
     def feet(self, t: float) -> tuple[Vec3, Vec3] | None:
         """Return the centre of the feet and the vector from there to the camera at t (s), local, m.
 
         None where position or attitude does not reach.
         """
-        position, attitude = self.position.at(t), self.attitude.at(t)
-        if position is None or attitude is None:
+        position, airframe = self.position.at(t), self.airframe(t)
+        if position is None or airframe is None:
             return None
-        roll, pitch, yaw = attitude[:3]
-        R = rot_zyx(yaw, pitch, roll)
+        R, _ = airframe
         feet = add((position[0], position[1], position[2]), rotate(R, self._feet_offset))
         return feet, rotate(R, sub(self._camera_offset, self._feet_offset))
 
-    def camera_rotation(self, attitude_t: float, gimbal_t: float) -> Mat3 | None:
-        """Return R_local_camera by the attitude at one time and the gimbal's angles at another, s.
-
-        None where attitude or gimbal does not reach.
-        """
-        attitude, gimbal = self.attitude.at(attitude_t), self.gimbal.at(gimbal_t)
-        if attitude is None or gimbal is None:
+    def airframe(self, t: float) -> tuple[Mat3, float] | None:
+        """Return R_local_body and the heading (rad) at t (s); None: not known."""
+        attitude = self.attitude.at(t)
+        if attitude is None:
             return None
         roll, pitch, yaw = attitude[:3]
-        return self._compose_rotation(rot_zyx(yaw, pitch, roll), yaw, gimbal)
+        return rot_zyx(yaw, pitch, roll), yaw
 
-    def _compose_rotation(self, R_local_body: Mat3, heading: float, gimbal: Values) -> Mat3:
-        """Return R_local_camera; heading: of the body, rad; gimbal: values of its history."""
+    def camera_rotation(self, airframe: tuple[Mat3, float] | None, gimbal_t: float) -> Mat3 | None:
+        """Return R_local_camera by an `airframe` and the gimbal's angles at gimbal_t (s).
+
+        None where either is not known.
+        """
+        gimbal = self.gimbal.at(gimbal_t)
+        if airframe is None or gimbal is None:
+            return None
+        R_local_body, heading = airframe
         angles = (gimbal[0], gimbal[1], gimbal[2])
         R_local_gimbal = gimbal_frames.rotation_local_gimbal(
             self._reference, R_local_body, heading, angles
@@ -295,7 +296,7 @@ class PoseHistory:
 
     def down(self, t: float, *, gimbal_back_s: float = 0.0) -> Vec3 | None:
         """Return the unit vector of gravity in the camera frame at t (s); None: not known."""
-        R = self.camera_rotation(t, t - gimbal_back_s)
+        R = self.camera_rotation(self.airframe(t), t - gimbal_back_s)
         return None if R is None else rotate(transpose(R), DOWN)
 
     def gimbal_base(self, ahead_s: float) -> tuple[Vec3, Mat3] | None:

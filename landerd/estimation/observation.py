@@ -222,10 +222,11 @@ class ObservationModel:
         """
         half, gimbal_t = 0.5 * DIFFERENCE_S, t - gimbal_back_s
         after, before = gimbal_t + half, gimbal_t - half
-        turned = self._poses.camera_rotation
+        airframe, turned = self._poses.airframe, self._poses.camera_rotation
+        still = airframe(t)
         return (
-            _sweep(R, turned(t + half, after), turned(t - half, before), point),
-            _sweep(R, turned(t, after), turned(t, before), point),
+            _sweep(R, turned(airframe(t + half), after), turned(airframe(t - half), before), point),
+            _sweep(R, turned(still, after), turned(still, before), point),
         )
 
     def _pointing_noise(self, arm: Vec3) -> Mat3:
