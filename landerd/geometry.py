@@ -105,6 +105,13 @@ def rotate(m: Mat3, v: Vec3) -> Vec3:
     return (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
 
 
+def turned(v: Vec3, angle: float) -> Vec3:
+    """Return v turned by an angle (rad) about z."""
+    x, y, z = v
+    c, s = math.cos(angle), math.sin(angle)
+    return (c * x - s * y, s * x + c * y, z)
+
+
 def transpose(m: Mat3) -> Mat3:
     """Return the transpose, for a rotation its inverse."""
     (a, b, c), (d, e, f), (g, h, i) = m

@@ -13,7 +13,7 @@ the true value is 1.
 
 import math
 
-from landerd.geometry import ZERO, Mat3, Vec3, add, clamp, dot, rot_z, rotate, scale
+from landerd.geometry import ZERO, Mat3, Vec3, add, clamp, dot, rotate, scale, turned
 
 # Prior probability that the velocity of a turning pad turns with its heading.
 PRIOR_COUPLED = 0.95
@@ -51,7 +51,7 @@ class TurnCoupling:
         acceleration = (-turn_rate * east, turn_rate * north, 0.0)
         p, v, b, g = self.sensitivity
         p = add(add(p, scale(v, dt)), scale(acceleration, 0.5 * dt * dt))
-        v = rotate(rot_z(self.value * turn_rate * dt), v)
+        v = turned(v, self.value * turn_rate * dt)
         self.sensitivity = (p, add(v, scale(acceleration, dt)), b, g)
         self.variance = min(self.variance + RANDOM_WALK * RANDOM_WALK * dt, SIGMA * SIGMA)
 

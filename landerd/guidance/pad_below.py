@@ -2,7 +2,7 @@
 
 from landerd.config.models import GuidanceSection
 from landerd.estimation.estimator import Estimator
-from landerd.geometry import ZERO, horizontal, rot_z, rotate, sub
+from landerd.geometry import ZERO, horizontal, sub, turned
 from landerd.guidance.footprint import Footprint
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.sink_rate import LEAD_S
@@ -124,7 +124,7 @@ class PadBelow:
 
     def ride(self, now: float, dt: float) -> None:
         """Follow the pad: as it drove and turned when last seen, or as the vehicle it carries."""
-        self._known_velocity = rotate(rot_z(self._course_rate * dt), self._known_velocity)
+        self._known_velocity = turned(self._known_velocity, self._course_rate * dt)
         fix, vehicle = self._estimator.last_fix, self._estimator.fresh_vehicle(now)
         is_new = fix is not None and self._slip.look(fix, self._known_velocity)
         if fix is not None and is_new:

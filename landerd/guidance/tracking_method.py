@@ -13,7 +13,7 @@ import math
 from typing import NamedTuple
 
 from landerd.config.models import Config, LimitsSection
-from landerd.geometry import Vec3, add, clamp, horizontal, rot_z, rotate
+from landerd.geometry import Vec3, add, clamp, horizontal, turned
 from landerd.guidance.limits import flyable_limits
 from landerd.guidance.phases import region_height
 from landerd.guidance.relative_state import RelativeState
@@ -175,7 +175,7 @@ class TrackingMethod:
         k = closing / distance if distance > 0.0 else 0.0
         self._integrate(relative, moves, dt)
         course = relative.pad_coupling * moves.turn_rate * self._lead_s
-        v = rotate(rot_z(course), moves.velocity)
+        v = turned(moves.velocity, course)
         velocity = (
             v[0] + k * north + self._integral[0],
             v[1] + k * east + self._integral[1],
@@ -224,7 +224,7 @@ class TrackingMethod:
             self._pad_velocity = (north, east)
         turn_rate = self._smooth_turn_rate(relative, dt)
         course = relative.pad_coupling * turn_rate * dt
-        was_north, was_east, _ = rotate(rot_z(course), (*self._pad_velocity, 0.0))
+        was_north, was_east, _ = turned((*self._pad_velocity, 0.0), course)
         time_s = max(PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS * self._lead_s)
         time_s = max(time_s / self._calmed, dt)
         k = 1.0 - dt / time_s
