@@ -33,7 +33,11 @@ def flyable_limits(config: Config) -> LimitsSection:
 
 
 class Limiter:
-    """Turns desired velocities into a sequence of set-points within the limits."""
+    """Turns desired velocities into a sequence of set-points within the limits.
+
+    Attributes:
+        velocity: of the last set-point, local NED, m/s.
+    """
 
     def __init__(self, limits: LimitsSection) -> None:
         self.configure(limits)
@@ -46,15 +50,9 @@ class Limiter:
 
     def reset(self, velocity: Vec3) -> None:
         """Begin at a velocity already flown (local NED, m/s), cut to the limits; acceleration 0."""
-        n, e, d = self._capped(velocity)
-        self._v = [n, e, d]
-        self._a = [0.0, 0.0, 0.0]
+        self.velocity = self._capped(velocity)
+        self._acceleration = ZERO
         self._yaw_rate = 0.0
-
-    @property
-    def velocity(self) -> Vec3:
-        """Velocity of the last set-point, local NED, m/s."""
-        return (self._v[0], self._v[1], self._v[2])
 
     def stop(self) -> Setpoint:
         """Return an order to stop at once; exempt from the acceleration limits."""
@@ -77,8 +75,8 @@ class Limiter:
 
     def _at_once(self, north: float, east: float, down: float, dt: float) -> Setpoint:
         n, e, d = self._capped((north, east, down))
-        self._slew_horizontal(n, e, min(dt, MAX_STEP_S))
-        self._v[2], self._a[2], self._yaw_rate = min(d, 0.0), 0.0, 0.0
+        self._slew(n, e, min(dt, MAX_STEP_S), vertical=(min(d, 0.0), 0.0))
+        self._yaw_rate = 0.0
         return Setpoint(self.velocity, 0.0)
 
     def step(self, wanted: Vec3, yaw_rate: float, dt: float, *, may_descend: bool) -> Setpoint:
@@ -93,19 +91,20 @@ class Limiter:
         limits = self._limits
         dt = min(dt, MAX_STEP_S)
         n, e, d = self._capped(wanted)
-        self._slew_horizontal(n, e, dt)
+        v, a = self.velocity[2], self._acceleration[2]
         if not may_descend:
             d = min(d, 0.0)
-            if self._v[2] > 0.0:
-                self._v[2] = self._a[2] = d = 0.0  # a climb begins with the next set-point
-        error = d - self._v[2]
+            if v > 0.0:
+                v = a = d = 0.0  # a climb begins with the next set-point
+        error = d - v
         most = limits.vertical_acceleration_mps2
-        a = _square_root_control(abs(error), most, limits.jerk_mps3, dt)
+        asked = _square_root_control(abs(error), most, limits.jerk_mps3, dt)
         step = limits.jerk_mps3 * dt
-        self._a[2] += clamp(math.copysign(a, error) - self._a[2], -step, step)
-        self._v[2] += self._a[2] * dt
-        if not may_descend and self._v[2] > 0.0:
-            self._v[2] = self._a[2] = 0.0
+        a += clamp(math.copysign(asked, error) - a, -step, step)
+        v += a * dt
+        if not may_descend and v > 0.0:
+            v = a = 0.0
+        self._slew(n, e, dt, vertical=(v, a))
         rate = clamp(yaw_rate, -self._yaw_rate_limit, self._yaw_rate_limit)
         max_step = MAX_YAW_ACCELERATION * dt
         slewed = self._yaw_rate + clamp(rate - self._yaw_rate, -max_step, max_step)
@@ -119,19 +118,21 @@ class Limiter:
         k = limits.speed_mps / speed if speed > limits.speed_mps else 1.0
         return (k * v[0], k * v[1], clamp(v[2], -limits.climb_mps, limits.descent_mps))
 
-    def _slew_horizontal(self, n: float, e: float, dt: float) -> None:
+    def _slew(self, north: float, east: float, dt: float, *, vertical: tuple[float, float]) -> None:
+        """Go towards a horizontal velocity, m/s; vertical: the new velocity and acceleration."""
         limits = self._limits
-        error = (n - self._v[0], e - self._v[1])
-        size = math.hypot(*error)
+        (v_north, v_east, _), (a_north, a_east, _) = self.velocity, self._acceleration
+        north, east = north - v_north, east - v_east
+        size = math.hypot(north, east)
         a = _square_root_control(size, limits.acceleration_mps2, limits.jerk_mps3, dt)
         k = a / size if size > 0.0 else 0.0
-        change = (k * error[0] - self._a[0], k * error[1] - self._a[1])
-        size = math.hypot(*change)
+        north, east = k * north - a_north, k * east - a_east
+        size = math.hypot(north, east)
         max_change = limits.jerk_mps3 * dt
         k = max_change / size if size > max_change else 1.0
-        for i in range(2):
-            self._a[i] += k * change[i]
-            self._v[i] += self._a[i] * dt
+        a_north, a_east = a_north + k * north, a_east + k * east
+        self._acceleration = (a_north, a_east, vertical[1])
+        self.velocity = (v_north + a_north * dt, v_east + a_east * dt, vertical[0])
 
 
 def _square_root_control(error: float, acceleration: float, jerk: float, dt: float) -> float:
