@@ -8,7 +8,6 @@ from typing import Literal
 from landerd.config.models import Config
 from landerd.estimation.camera_pose import DOWN, PoseHistory
 from landerd.estimation.health import HealthMonitor
-from landerd.estimation.inconsistency import Inconsistency
 from landerd.estimation.observation import (
     SIGMA_SCALE,
     BiasModel,
@@ -50,6 +49,8 @@ class Estimator:
             s; -inf: none.
         searched_t: the last control step before the result of that frame came, s; -inf: none.
         last_fix: from the newest frame that shows a pad, accepted or not; None: none.
+        inconsistency: the run of newest sightings, accepted or not, that were not where the pad
+            should be.
         health: whether sightings fit their predictions, and how old they are when used.
     """
 
@@ -61,6 +62,7 @@ class Estimator:
         self.poses = PoseHistory(config)
         self._observations = ObservationModel(config.estimation, self.poses)
         self._filter = PadFilter(config.estimation)
+        self.inconsistency = self._filter.inconsistency
         self.sighting_t = self.refused_t = self.unplaced_t = -math.inf
         self.other: tuple[float, int] | None = None
         self.frame_t = self.searched_t = self._tick_t = -math.inf
@@ -149,11 +151,6 @@ class Estimator:
         self.last_fix = None
 
     # ---- estimates -----------------------------------------------------------------------------
-
-    @property
-    def inconsistency(self) -> Inconsistency:
-        """The run of newest sightings, accepted or not, that were not where the pad should be."""
-        return self._filter.inconsistency
 
     @property
     def is_shown(self) -> bool:

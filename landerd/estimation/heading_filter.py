@@ -44,7 +44,7 @@ class HeadingFilter:
     def at(self, t: float) -> tuple[float, float]:
         """Return heading and its sigma at time t, rad; only while known."""
         dt = t - self._t
-        return wrap(self._heading + self.turn_rate * dt), math.sqrt(self._covariance_after(dt)[0])
+        return wrap(self._heading + self.turn_rate * dt), math.sqrt(self._variance_after(dt))
 
     def update(self, t: float, heading: float, sigma: float) -> None:
         """Take a heading and its sigma (rad), measured at t (s), in the order of time.
@@ -60,7 +60,9 @@ class HeadingFilter:
             return
         dt = t - self._t
         predicted = wrap(self._heading + self.turn_rate * dt)
-        h, c, w = self._covariance_after(dt)
+        _, c, w = self._P
+        q = TURN_RATE_RANDOM_WALK * TURN_RATE_RANDOM_WALK
+        h, c, w = self._variance_after(dt), c + dt * w + 0.5 * q * dt * dt, w + q * dt
         innovation = wrap(heading - predicted)
         s = h + sigma * sigma
         if innovation * innovation > self._nis_limit * s:
@@ -86,11 +88,8 @@ class HeadingFilter:
         self._P = (sigma * sigma, 0.0, SIGMA_INITIAL_TURN_RATE**2)
         self._refused = None
 
-    def _covariance_after(self, dt: float) -> tuple[float, float, float]:
+    def _variance_after(self, dt: float) -> float:
+        """Return the heading's variance dt (s) after the last measurement, rad^2."""
         h, c, w = self._P
         q = TURN_RATE_RANDOM_WALK * TURN_RATE_RANDOM_WALK
-        return (
-            h + dt * (2.0 * c + dt * w) + q * dt**3 / 3.0,
-            c + dt * w + 0.5 * q * dt * dt,
-            w + q * dt,
-        )
+        return h + dt * (2.0 * c + dt * w) + q * dt**3 / 3.0

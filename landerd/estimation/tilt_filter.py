@@ -13,7 +13,11 @@ TILT_RANDOM_WALK = math.radians(2.0)  # rad per sqrt(s): how decks roll
 
 
 class TiltFilter:
-    """For each frame: `predict`, compare its pose solutions by `cost`, `update` with the chosen."""
+    """For each frame: `predict`, compare its pose solutions by `cost`, `update` with the chosen.
+
+    Attributes:
+        normal: unit vector into the pad, local NED.
+    """
 
     def __init__(self, sigma_bearing: float) -> None:
         """Make one that assumes a level pad; sigma_bearing: of the lens's direction, rad."""
@@ -24,11 +28,7 @@ class TiltFilter:
         """Forget the tilt."""
         self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
         self._variance = SIGMA_INITIAL_TILT**2
-
-    @property
-    def normal(self) -> Vec3:
-        """Unit vector into the pad, local NED."""
-        return unit((*self._tilt, 1.0))
+        self.normal: Vec3 = (0.0, 0.0, 1.0)
 
     def predict(self, dt: float) -> None:
         """Predict over dt, s."""
@@ -50,6 +50,7 @@ class TiltFilter:
             east + k * (seen.normal[1] - east),
         )
         self._variance *= 1.0 - k
+        self.normal = unit((*self._tilt, 1.0))
 
 
 def cost_by_level(seen: PadObservation) -> float:

@@ -142,11 +142,12 @@ class Aim:
         """
         x, y, z = direction
         yaw, pitch = self.command.yaw, self.command.pitch
-        beyond = _aside(x, y, z, yaw) - DEAD_BAND
+        ahead, right = _along_and_right(x, y, yaw)
+        beyond = _aside(ahead, right, z) - DEAD_BAND
         if beyond > 0.0:
             max_step = min(1.0, beyond / DEAD_BAND) * MAX_YAW_RATE * dt
             yaw += clamp(self._nearest_yaw(direction) - yaw, -max_step, max_step)
-        ahead, _ = _along_and_right(x, y, yaw)
+            ahead, _ = _along_and_right(x, y, yaw)
         error = wrap(math.atan2(-z, ahead) - pitch)
         error -= clamp(error, -DEAD_BAND, DEAD_BAND)
         self.command = self._limited(yaw, pitch + min(1.0, dt / PITCH_TIME_CONSTANT_S) * error)
@@ -160,7 +161,11 @@ class Aim:
         )
         if self._pitch_limits[0] > -0.75 * math.pi:
             return facing
-        possible = [yaw for yaw in (facing, averted) if _aside(x, y, z, yaw) < VISIBLE_ASIDE]
+        possible = [
+            yaw
+            for yaw in (facing, averted)
+            if _aside(*_along_and_right(x, y, yaw), z) < VISIBLE_ASIDE
+        ]
         return min(possible or [facing], key=lambda yaw: abs(yaw - self.command.yaw))
 
     def _look_along(self, course: float, dt: float, base: Mat3 | None) -> None:
@@ -220,7 +225,6 @@ def _along_and_right(x: float, y: float, yaw: float) -> tuple[float, float]:
     return c * x + s * y, c * y - s * x
 
 
-def _aside(x: float, y: float, z: float, yaw: float) -> float:
-    """Return the angle (rad) of a direction to the side of a lens at a yaw, for the best pitch."""
-    ahead, right = _along_and_right(x, y, yaw)
-    return abs(math.atan2(right, math.hypot(ahead, z)))
+def _aside(ahead: float, right: float, down: float) -> float:
+    """Return the angle (rad) of a direction to the side of a lens at the best pitch."""
+    return abs(math.atan2(right, math.hypot(ahead, down)))
