@@ -136,6 +136,17 @@ def matmul(a: Mat3, b: Mat3) -> Mat3:
     )
 
 
+def matmul_level(a: Mat3, b: Mat3) -> Mat3:
+    """Return a b, where a mixes nothing into or out of z, as a rotation about z."""
+    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
+    (x, y, _), (u, v, _), (_, _, r) = a
+    return (
+        (x * b00 + y * b10, x * b01 + y * b11, x * b02 + y * b12),
+        (u * b00 + v * b10, u * b01 + v * b11, u * b02 + v * b12),
+        (r * b20, r * b21, r * b22),
+    )
+
+
 def matmul_transposed(a: Mat3, b: Mat3) -> Mat3:
     """Return a b^T."""
     (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
@@ -156,6 +167,13 @@ def matadd(a: Mat3, b: Mat3) -> Mat3:
         (u + b10, v + b11, w + b12),
         (p + b20, q + b21, r + b22),
     )
+
+
+def add_transpose(m: Mat3) -> Mat3:
+    """Return m + m^T."""
+    (a, b, c), (d, e, f), (g, h, i) = m
+    x, y, z = b + d, c + g, f + h
+    return ((a + a, x, y), (x, e + e, z), (y, z, i + i))
 
 
 def matadd_scaled(a: Mat3, b: Mat3, k: float) -> Mat3:
@@ -220,6 +238,13 @@ def outer(a: Vec3, b: Vec3) -> Mat3:
     """Return a b^T."""
     (x, y, z), (u, v, w) = a, b
     return ((x * u, x * v, x * w), (y * u, y * v, y * w), (z * u, z * v, z * w))
+
+
+def axial(v: Vec3, k: float, c: float) -> Mat3:
+    """Return k v v^T + c I, which is alike in all directions about v."""
+    x, y, z = v
+    xy, xz, yz = k * (x * y), k * (x * z), k * (y * z)
+    return ((c + k * (x * x), xy, xz), (xy, c + k * (y * y), yz), (xz, yz, c + k * (z * z)))
 
 
 def rotate_covariance(R: Mat3, covariance: Mat3) -> Mat3:

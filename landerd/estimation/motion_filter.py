@@ -24,6 +24,7 @@ from landerd.geometry import (
     Vec3,
     add,
     add_diagonal,
+    add_transpose,
     diagonal,
     dot,
     horizontal_sigma,
@@ -31,12 +32,12 @@ from landerd.geometry import (
     matadd,
     matadd_scaled,
     matmul,
+    matmul_level,
     matmul_transposed,
     matscale,
     outer,
     rot_z,
     rotate,
-    rotate_covariance,
     scale,
     sub,
     sub_product,
@@ -191,12 +192,14 @@ class MotionFilter:
         self.position = add(self.position, rotate(ahead, self.velocity))
         self.velocity = rotate(turn, self.velocity)
         self.Ppp = self._position_covariance_after(dt)
-        self.Ppv = matmul_transposed(matadd(self.Ppv, matmul(ahead, self.Pvv)), turn)
+        self.Ppv = matmul_transposed(matadd(self.Ppv, matmul_level(ahead, self.Pvv)), turn)
         self.Ppv = add_diagonal(self.Ppv, scale(self.q, 0.5 * dt * dt))
-        self.Pvv = add_diagonal(rotate_covariance(turn, self.Pvv), scale(self.q, dt))
-        self._Ppb = matadd(self._Ppb, matmul(ahead, self._Pvb))
-        self._Ppg = matadd(self._Ppg, matmul(ahead, self._Pvg))
-        self._Pvb, self._Pvg = matmul(turn, self._Pvb), matmul(turn, self._Pvg)
+        self.Pvv = add_diagonal(
+            matmul_transposed(matmul_level(turn, self.Pvv), turn), scale(self.q, dt)
+        )
+        self._Ppb = matadd(self._Ppb, matmul_level(ahead, self._Pvb))
+        self._Ppg = matadd(self._Ppg, matmul_level(ahead, self._Pvg))
+        self._Pvb, self._Pvg = matmul_level(turn, self._Pvb), matmul_level(turn, self._Pvg)
         self._fade_biases(dt)
 
     def _transition(self, dt: float) -> tuple[Mat3, Mat3]:
@@ -282,7 +285,7 @@ class MotionFilter:
 
     def _position_covariance_after(self, dt: float) -> Mat3:
         # As of a point that goes straight on: between two pictures it turns by a degree at most.
-        by_velocity = matadd_scaled(matadd(self.Ppv, transpose(self.Ppv)), self.Pvv, dt)
+        by_velocity = matadd_scaled(add_transpose(self.Ppv), self.Pvv, dt)
         grown = matadd_scaled(self.Ppp, by_velocity, dt)
         return add_diagonal(grown, scale(self.q, dt**3 / 3.0))
 

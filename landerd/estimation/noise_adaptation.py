@@ -10,11 +10,9 @@ from landerd.estimation.observation import PadObservation
 from landerd.geometry import (
     ZERO,
     Mat3,
+    axial,
     clamp,
-    diagonal,
     dot,
-    matadd_scaled,
-    outer,
     rotate,
     rotate_covariance,
 )
@@ -67,8 +65,7 @@ class NoiseAdaptation:
         the line of sight are correlated, the sum of two scaled parts might not be a covariance.
         """
         across, along = math.sqrt(self._noise_scale[0]), math.sqrt(self._noise_scale[1])
-        d = seen.sight
-        stretch = matadd_scaled(diagonal(across, across, across), outer(d, d), along - across)
+        stretch = axial(seen.sight, along - across, across)
         return rotate_covariance(stretch, seen.covariance)
 
     def adapt(self, seen: PadObservation, innovation: Innovation, motion: MotionFilter) -> None:

@@ -15,6 +15,7 @@ from landerd.geometry import (
     Mat3,
     Vec3,
     add,
+    axial,
     clamp,
     cross,
     diagonal,
@@ -233,7 +234,7 @@ class ObservationModel:
         """Return the covariance (m^2) due to lens direction (across the arm) and own position."""
         along = self._sigma_bearing**2
         across = along * dot(arm, arm) + self._sigma_position**2
-        return matadd_scaled(diagonal(across, across, across), outer(arm, arm), -along)
+        return axial(arm, -along, across)
 
     def _telemetry_noise(self, by_turning: Vec3, by_gimbal: Vec3) -> Mat3:
         """Return the covariance (m^2) due to jitter in the times of attitude and gimbal angles.
