@@ -206,9 +206,10 @@ def own_levels(
     """
     rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
     levels = levels_at(image, camera, t + ring.radius_m * rims @ axes.T)
-    if np.isnan(levels).mean() > _MOST_CUT:
+    sides = [side[None, ~np.isnan(side)] for side in levels.reshape(2, -1)]
+    if np.isnan(levels).mean() > _MOST_CUT or not all(side.size for side in sides):
         return None
-    black, white = np.nanmedian(levels.reshape(2, -1), axis=1).tolist()
+    black, white = (float(medians(side)[0]) for side in sides)  # nanmedian takes 0.1 ms
     return black, white
 
 
