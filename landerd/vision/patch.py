@@ -233,10 +233,14 @@ def _normalised(x: F64) -> F64:
 def levels_at(image: Image, camera: CameraModel, points: F64) -> F64:
     """Return grey levels (n,) at points (n, 3), camera frame, m; NaN outside the image."""
     is_seen = points[:, 2] > MIN_DEPTH_M
-    px = camera.pixels(np.where(is_seen[:, None], points, (0.0, 0.0, 1.0)))
+    if not is_seen.all():
+        points = np.where(is_seen[:, None], points, (0.0, 0.0, 1.0))
+    px = camera.pixels(points)
+    x, y = px.T
     h, w = image.shape
-    is_seen &= ((px >= 0.0) & (px <= (w - 1, h - 1))).all(axis=1)
-    at = np.where(is_seen[:, None], px, 0.0).astype(np.float32)[None]
-    grey = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR)[0]
-    levels: F64 = np.where(is_seen, grey.astype(np.float64), np.nan)
+    is_seen &= (x >= 0.0) & (x <= w - 1) & (y >= 0.0) & (y <= h - 1)
+    at = np.ascontiguousarray(px.T, dtype=np.float32)
+    at[:, ~is_seen] = 0.0
+    levels: F64 = cv2.remap(image, at[:1], at[1:], cv2.INTER_LINEAR)[0].astype(np.float64)
+    levels[~is_seen] = np.nan
     return levels
