@@ -1,6 +1,7 @@
 """The pad's heading by its plate, where its tag cannot be read."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from landerd.geometry import angle_between
 from landerd.messages import Frame, PadPrior, PoseSolution, Prior
 from landerd.pad import PadLayout, Plate
 from landerd.vision import Vision
+from landerd.vision.plate_outline import own_levels
 from landerd.vision.pose import circle
 from tests.vision.scenes import (
     IDEAL_CAMERA,
@@ -34,6 +36,15 @@ def view(distance: float, heading: float, pixel: tuple[float, float] = (300.0, 2
 def picture(at: View, pad: PadLayout = THESIS_PAD, background: str = "grass") -> U8:
     optics = Optics(background=background, blur_px=1.2)
     return render(at, IDEAL_CAMERA, optics, np.random.default_rng(4), pad)
+
+
+def test_a_ring_whose_margin_is_all_out_of_the_picture_tells_no_grey_levels() -> None:
+    camera = replace(IDEAL_CAMERA, width=480, height=480, cx=239.5, cy=239.5)
+    image = np.full((480, 480), 128, np.uint8)
+    black = 0.5 * (1.0 + RING.inner_ratio)
+    for radius_px, seen in ((235.0, None), (200.0, (128.0, 128.0))):
+        centre = np.array([0.0, 0.0, camera.fx * black * RING.radius_m / radius_px])
+        assert own_levels(image, camera, RING, centre, np.eye(3)[:, :2]) == seen
 
 
 def dirty(image: U8, at: View) -> U8:
