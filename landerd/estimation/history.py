@@ -102,7 +102,7 @@ class History:
     def clear(self) -> None:
         """Forget all measurements, as after a restart of the source."""
         self._between.cache_clear()
-        self.newest = None
+        self.newest, self.newest_rates = None, ()
         self._times.clear()
         self._values.clear()
         self._slopes.clear()

@@ -179,9 +179,7 @@ class MotionFilter:
 
     def at(self, dt: float) -> tuple[Vec3, Vec3, Mat3]:
         """Return position (m), velocity (m/s) and position covariance (m^2), dt (s) after `t`."""
-        turn, ahead = self._transition(dt)
-        position = add(self.position, rotate(ahead, self.velocity))
-        return position, rotate(turn, self.velocity), self._position_covariance_after(dt)
+        return self._moved(dt, *self._transition(dt))
 
     def predict(self, t: float) -> None:
         """Predict to time t, s."""
@@ -189,9 +187,7 @@ class MotionFilter:
         self.t = t
         self._coupling.predict(dt, self.turn_rate, self.velocity)
         turn, ahead = self._transition(dt)
-        self.position = add(self.position, rotate(ahead, self.velocity))
-        self.velocity = rotate(turn, self.velocity)
-        self.Ppp = self._position_covariance_after(dt)
+        self.position, self.velocity, self.Ppp = self._moved(dt, turn, ahead)
         self.Ppv = matmul_transposed(matadd(self.Ppv, matmul_level(ahead, self.Pvv)), turn)
         self.Ppv = add_diagonal(self.Ppv, scale(self.q, 0.5 * dt * dt))
         self.Pvv = add_diagonal(
@@ -201,6 +197,11 @@ class MotionFilter:
         self._Ppg = matadd(self._Ppg, matmul_level(ahead, self._Pvg))
         self._Pvb, self._Pvg = matmul_level(turn, self._Pvb), matmul_level(turn, self._Pvg)
         self._fade_biases(dt)
+
+    def _moved(self, dt: float, turn: Mat3, ahead: Mat3) -> tuple[Vec3, Vec3, Mat3]:
+        """Return what `at` does; turn and ahead: the transition over dt (s)."""
+        position = add(self.position, rotate(ahead, self.velocity))
+        return position, rotate(turn, self.velocity), self._position_covariance_after(dt)
 
     def _transition(self, dt: float) -> tuple[Mat3, Mat3]:
         """Return the blocks of the transition over dt (s): of v by v, and of p by v (s)."""

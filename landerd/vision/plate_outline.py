@@ -205,12 +205,13 @@ def own_levels(
         axes: two unit vectors (3, 2) in its plane.
     """
     rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
-    levels = levels_at(image, camera, t + ring.radius_m * rims @ axes.T)
-    sides = [side[None, ~np.isnan(side)] for side in levels.reshape(2, -1)]
-    if np.isnan(levels).mean() > _MOST_CUT or not all(side.size for side in sides):
+    sides = levels_at(image, camera, t + ring.radius_m * rims @ axes.T).reshape(2, -1)
+    is_out = np.isnan(sides)
+    if is_out.mean() > _MOST_CUT or is_out.all(axis=1).any():
         return None
-    black, white = (float(medians(side)[0]) for side in sides)  # nanmedian takes 0.1 ms
-    return black, white
+    # Not nanmedian, which takes 0.1 ms.
+    black, white = (medians(side[None, ~out]) for side, out in zip(sides, is_out, strict=True))
+    return float(black[0]), float(white[0])
 
 
 def has_beside(layout: PadLayout, ring: Ring) -> bool:
