@@ -308,9 +308,9 @@ class GuidanceSection(Section):
     # after the gate closed, zero velocity is sent for this long
     release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0
     touchdown_descent_mps: Annotated[float, Field(ge=0.1, le=0.6)] = 0.3  # sink rate after commit
-    # without ON_GROUND for this long after commit, the pilot is told to disarm by hand. With less
-    # than 3 he would be told in the air: the feet touch down one or two seconds after commit, and
-    # ArduCopter detects it two seconds later
+    # without ON_GROUND for this long after contact (where none is noticed, after commit) the pilot
+    # is told to disarm by hand. With less than 3 he would be told in the air: the feet touch down
+    # one or two seconds after commit, and ArduCopter detects it two seconds later
     touchdown_timeout_s: Annotated[float, Field(ge=3, le=5)] = 5.0
 
 
