@@ -8,8 +8,8 @@ landerd answers ground stations as component 191 of the vehicle's system: in QGr
 Mission Planner its parameters appear beside the autopilot's, in MAVProxy after
 `set target_component 191`. A change is checked against the range, flown from the next control step
 on, without a bump, and logged. What may not be changed while armed is refused and says so. Changes
-are gone with the next start unless you save them ("write to storage", MAV_CMD_PREFLIGHT_STORAGE):
-they go to a file that is laid over the configuration, the service's to
+are gone with the next start unless you save them while disarmed ("write to storage",
+MAV_CMD_PREFLIGHT_STORAGE): they go to a file that is laid over the configuration, the service's to
 `/var/lib/landerd/saved.yaml` (`landerd run --help`).
 
 This table is made from the code: `make reference`.
