@@ -12,6 +12,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "camera",
         help="focal length and distortion of the lens, from pictures of a board",
         description="Calibrate a camera's lens, from pictures of a board.",
+        epilog="example: landerd calibrate camera photos/ --size 9x6 --square 0.025 "
+        "-o my-camera.yaml",
     )
     calibrate_camera.add_arguments(camera)
     camera.set_defaults(calibrate=calibrate_camera.run)
