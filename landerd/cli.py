@@ -57,7 +57,7 @@ _COMMANDS: Mapping[str, _Command] = {
         "  landerd pad nested -o pad.pdf --paper sheet             one sheet for a print shop\n"
         "  landerd pad nested -o cut.svg --outline                 for a vinyl cutter\n"
         "  landerd pad nested --measured ruler=99.2mm -o mine.yaml\n"
-        "  landerd pad --for 1.2m --seen-from 20m -o mine.pdf      writes mine.yaml too",
+        "  landerd pad --for 1.2m --seen-from 20m -o own.pdf       writes own.yaml too",
     ),
     "calibrate": _Command(
         "calibrate",

@@ -282,7 +282,7 @@ def test_the_pilot_is_told_when_another_pad_is_in_sight() -> None:
     for seq in range(20):
         flight.give(Sightings(flight.t, seq, (), (), other_id=7))
         flight.run(DT)
-    assert said(flight, "another pad, tag 7, in sight")
+    assert said(flight, "another pad, tag 7, seen")
 
 
 def test_out_of_sight_a_turn_and_a_descent_end_within_half_a_second() -> None:
@@ -365,7 +365,7 @@ def test_the_pilot_is_told_at_once_when_the_camera_sends_no_more_pictures() -> N
     before = len(flight.texts)
     flight.silent = {Sightings}
     flight.run(2.0)
-    assert flight.texts[before:] == ["landerd: no pictures from the camera, holding"]
+    assert flight.texts[before:] == ["landerd: no pictures from camera, holding"]
 
 
 @pytest.mark.parametrize(

@@ -97,13 +97,17 @@ def run(args: argparse.Namespace) -> int:
         print("\n".join(unreadable))
         return 1
     if steps and not args.dry_run:
-        left = [
-            *BOARDS[args.board].left,
-            f"ArduCopter's parameters: load {parameter_file(args.board)} (docs/ardupilot.md)",
-            f"sudo nano {CONFIGURATION}    (an example: make it yours)",
-            f"landerd check -c {CONFIGURATION}",
-            "sudo systemctl enable --now landerd",
-        ]
+        # Another system's image has only the files: program and account are made where it runs.
+        left = [f"sudo python3 -m landerd install --board {args.board}    (on the board itself)"]
+        if root == _SYSTEM:
+            left = [
+                *BOARDS[args.board].left,
+                f"ArduCopter's parameters: load {parameter_file(args.board)},",
+                "  of 4.7 the -4.7.param beside it (docs/ardupilot.md)",
+                f"sudo nano {CONFIGURATION}    (an example: make it yours)",
+                f"landerd check -c {CONFIGURATION}",
+                "sudo systemctl enable --now landerd",
+            ]
         print("left to you (docs/install.md):", *left, sep="\n  ")
     return 0
 

@@ -95,12 +95,12 @@ STALE: Mapping[str, str] = {  # by Estimator.stale
     "position": "position is stale",
     "gimbal": "gimbal angles are stale",
 }
-NO_PICTURES = "no pictures from the camera"
+NO_PICTURES = "no pictures from camera"
 OLD_PICTURES = "pictures come too late"
 NOT_IN_SIGHT = "pad not in sight"
-OTHER_PAD = "another pad, tag {id}, in sight"
+OTHER_PAD = "another pad, tag {id}, seen"
 NOT_BELIEVED = "pad seen but not believed"  # it would be elsewhere than where it was
-UNPLACED = "pad seen, no telemetry then"  # nor any near enough to it
+UNPLACED = "pad seen, but no telemetry"  # nor any near enough to it
 NOW_AND_THEN = "{why} now and then: link?"
 BLIND = "{why}, {what}"  # one of those above, and what is done about it:
 CLIMBING_AWAY = "climbing away"  # so too when it may not fly on, or the pad is missed

@@ -116,7 +116,8 @@ class AutopilotCheck:
             what = f"somebody speaks MAVLink, but not the autopilot of system {system}"
             if others := sorted(kind for kind in counters if kind.startswith("system ")):
                 what += f": {', '.join(others)}"
-            return Finding("fail", "heartbeat", what, "set autopilot.system_id to SYSID_THISMAV")
+            mend = "set autopilot.system_id to SYSID_THISMAV (4.7: MAV_SYSID)"
+            return Finding("fail", "heartbeat", what, mend)
         link = link_kind(self._config.autopilot.url)
         if counters:
             what = "bytes come, but they are not MAVLink that can be read"

@@ -136,7 +136,7 @@ def test_a_vehicle_on_the_pad_with_a_wrong_climb_rate_stays_there() -> None:
 
 
 @pytest.mark.parametrize(
-    ("offset_s", "words"), [(0.5, "pictures come too late"), (-0.3, "no telemetry then")]
+    ("offset_s", "words"), [(0.5, "pictures come too late"), (-0.3, "but no telemetry")]
 )
 def test_a_pad_in_pictures_of_another_time_is_not_said_to_be_out_of_sight(
     offset_s: float, words: str

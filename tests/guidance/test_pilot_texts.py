@@ -52,9 +52,10 @@ def test_every_line_is_short_plain_text(text: str) -> None:
     assert len(said) <= pilot_texts.MAX_CHARACTERS
 
 
+@pytest.mark.parametrize("what", [pilot_texts.SEARCHING, pilot_texts.CLIMBING_AWAY])
 @pytest.mark.parametrize("why", BLIND_REASONS)
-def test_a_text_on_a_lost_pad_fits_with_both_its_parts(why: str) -> None:
-    said = line(pilot_texts.BLIND.format(why=why, what=pilot_texts.SEARCHING))
+def test_a_text_on_a_lost_pad_fits_with_both_its_parts(why: str, what: str) -> None:
+    said = line(pilot_texts.BLIND.format(why=why, what=what))
     assert len(said) <= pilot_texts.MAX_CHARACTERS
 
 

@@ -44,6 +44,15 @@ def test_a_second_run_has_nothing_to_do(
     assert files(tmp_path) == there
 
 
+def test_an_image_made_elsewhere_lacks_the_program_and_is_told_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(tmp_path, "pixhawk-usb")
+    left = capsys.readouterr().out.partition("left to you")[2]
+    assert "landerd install --board pixhawk-usb" in left
+    assert "systemctl" not in left  # there is nothing to start yet
+
+
 @pytest.mark.parametrize("board", BOARDS)
 def test_the_installed_example_configuration_can_be_read(tmp_path: Path, board: str) -> None:
     install(tmp_path, board)
