@@ -12,7 +12,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | sight suffices still; again after REMIND_S | WARNING | MANY_REFUSED, LATE_PICTURES |
 | own data are missing for moments, again after REMIND_S | WARNING | NOW_AND_THEN |
 | its climb rate is wrong, again after REMIND_S | WARNING | WRONG_CLIMB_RATE |
-| it does not come to descend over the pad, every REMIND_S | WARNING | the reason, or KEPT_OFF |
+| it comes neither nearer nor to descend, every REMIND_S | WARNING | the reason, or KEPT_OFF |
 | velocities are not flown as ordered, every `state_flying.UNFOLLOWED_S` | WARNING | UNFOLLOWED |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
 | held up higher over the pad than the build allows | WARNING | TOUCHED_HIGH |

@@ -32,6 +32,9 @@ MOMENTS_S, MOMENTS_MEMORY_S = 0.8, 5.0
 # A vehicle in DESCENT that gets lower by less than this, m, within pilot_texts.REMIND_S waits.
 # Gusts kept one 4 m up for 30 s, and nobody was told why.
 GETS_LOWER_M = 0.1
+# The same for one in APPROACH that comes nearer by less than this, m: one that was no faster than
+# its pad followed it without a word until its time was over.
+GETS_NEARER_M = 1.0
 # Time inside the descent region before the descent begins, s: at its edge one picture's error is
 # enough to look inside.
 SETTLED_S = 0.15
@@ -68,6 +71,7 @@ class Tracking:
         self._waits_t = 0.0  # last time that it did not wait to descend, or told why, s
         self._holds = False  # where the pilot asked to, and he was told
         self._lowest_m = math.inf  # over the pad, in DESCENT
+        self._nearest_m = math.inf  # to the pad, in APPROACH
         # Since it last got lower: how far from the landing point it came, m, and why it cannot
         # descend there, for the pilot.
         self._farthest_m, self._kept_off = 0.0, ""
@@ -90,7 +94,7 @@ class Tracking:
             context.orders.go_on_from((north, east, down))
         self._heading_t = self._waits_t = self._seen_from = self._followed_t = step.now
         self._holds = False
-        self._lowest_m = math.inf
+        self._lowest_m = self._nearest_m = math.inf
         context.attempts.begin(step.now)
         context.attempts.outcome = None
         self._phases.restart()
@@ -219,15 +223,8 @@ class Tracking:
             return Event.NO_LANDING_POSSIBLE
         if not context.hold_asked:
             context.attempts.begin(step.now)
-        if phase is Phase.APPROACH or phases.goes_around or context.hold_asked:
-            self._lowest_m = math.inf
+        self._tell_of_wait(step.now, self._why_waits(phase, relative, why))
         waits = phase is Phase.YAW_CORRECTION and not context.hold_asked
-        near = phase is Phase.CLOSE_APPROACH and not context.hold_asked
-        if not (near or waits):
-            why = ""
-        if phase is Phase.DESCENT and not self._gets_lower(relative):
-            why = self._kept_off
-        self._tell_of_wait(step.now, why)
         if not waits or (relative.heading_error is not None and not phases.leans):
             self._heading_t = step.now
         elif step.now - self._heading_t > context.options.lost.give_up_s:
@@ -263,8 +260,30 @@ class Tracking:
             context.break_off()
         return True
 
+    def _why_waits(self, phase: Phase, relative: RelativeState, why: str) -> str:
+        """Return why it comes no nearer or lower, for the pilot; "": it does, or he asked for it.
+
+        Args:
+            phase: in force.
+            relative: pad relative to the vehicle.
+            why: the phase's reason.
+        """
+        holds = self._context.hold_asked
+        if phase is Phase.APPROACH or self._phases.goes_around or holds:
+            self._lowest_m = math.inf
+        if phase is not Phase.APPROACH:
+            self._nearest_m = math.inf
+        match phase:
+            case Phase.APPROACH:
+                return "" if self._gets_nearer(relative) else why
+            case Phase.CLOSE_APPROACH | Phase.YAW_CORRECTION:
+                return "" if holds else why
+            case Phase.DESCENT:
+                return "" if self._gets_lower(relative) else self._kept_off
+        return ""
+
     def _tell_of_wait(self, now: float, why: str) -> None:
-        """Remind the pilot why the vehicle waits over the pad; "": it does not."""
+        """Remind the pilot why the vehicle waits; "": it does not."""
         if not why:
             self._waits_t = now
         elif now - self._waits_t > pilot_texts.REMIND_S:
@@ -276,6 +295,13 @@ class Tracking:
         if relative.height > self._lowest_m - GETS_LOWER_M:
             return False
         self._lowest_m, self._farthest_m, self._kept_off = relative.height, 0.0, ""
+        return True
+
+    def _gets_nearer(self, relative: RelativeState) -> bool:
+        """Tell whether it comes nearer to the pad; called at every control step in APPROACH."""
+        if relative.distance > self._nearest_m - GETS_NEARER_M:
+            return False
+        self._nearest_m = relative.distance
         return True
 
     def _note_outside(self, relative: RelativeState, off_m: float) -> None:

@@ -206,6 +206,25 @@ def test_why_it_waits_over_the_pad_is_told_again_every_ten_seconds() -> None:
     assert all(7.0 < later - t < 11.0 for t, later in itertools.pairwise(told))
 
 
+def test_an_approach_that_does_not_come_nearer_is_told_every_ten_seconds() -> None:
+    """Once, the pilot heard nothing between its beginning and the hand-back, 2 minutes later."""
+    config = with_value(Config(), "guidance.limits.speed_mps", 2.0)
+    flight = Flight(config=config, pad_velocity=(2.0, 0.0, 0.0)).engaged()
+    flight.texts.clear()
+    flight.run(35.0)
+    assert flight.lander.phase is Phase.APPROACH
+    assert len(flight.texts) == 3
+    assert all("m away" in text for text in flight.texts)
+
+
+def test_an_approach_that_comes_nearer_is_not_told_of_again() -> None:
+    flight = Flight(position=(-90.0, 0.0, -8.0)).engaged()
+    flight.texts.clear()
+    flight.run(12.0)
+    assert flight.lander.phase is Phase.APPROACH
+    assert not flight.texts
+
+
 @pytest.mark.parametrize(
     ("kind", "ticks", "text"),
     [
