@@ -2,6 +2,7 @@
 
 import math
 
+from landerd.guidance import pilot_texts
 from landerd.guidance.contact import (
     MISSES_S,
     least_clearance,
@@ -40,6 +41,10 @@ class OnPad:
 
         The outcome is open again: released and granted again while it stands, the landing goes on.
         """
+        orders = self._context.orders
+        if orders.phase is not Phase.LANDED and not self._touchdown.turned_over:
+            # Released, or told to climb: that is over, and the pilot was told of it.
+            orders.enter(Phase.LANDED, pilot_texts.STANDS)
         self._context.attempts.outcome = None
         self._context.stops_until = -math.inf  # the next release gets its full time
         self._context.below.touch(step.now)
@@ -99,8 +104,10 @@ class Standing:
             self._context.stops_until = step.now + self._context.options.release_s
 
     def order(self, step: ControlStep) -> Event | None:
-        """Order to stand level, or zero velocity, until the time is over."""
+        """Order to stand level, or zero velocity, until the time is over or it may fly on."""
         context = self._context
+        if step.granted:  # the switch was high again before the climb away had ended
+            return Event.GRANTED
         if step.now >= context.stops_until:
             return Event.RELEASE_OVER
         if not _stand_level(context, self._touchdown, step, released=True):

@@ -646,6 +646,21 @@ def test_released_just_as_it_touches_a_moving_pad_it_is_found_to_stand_before_it
     assert flight.pressed
 
 
+def test_the_pilot_is_told_that_the_landing_goes_on_where_it_stands_after_a_release() -> None:
+    """Once, he read "granted", and else that it was climbing away, until it was disarmed."""
+    flight = released_touching()
+    to_leave = flight.t + 0.5
+    while flight.lander.state is not State.ON_PAD:
+        assert flight.t < to_leave
+        tick_on_pad(flight, bounces=flight.t < to_leave - 0.3)
+        flight.pulse_us = HIGH if flight.lander.state is State.LEAVING else flight.pulse_us
+    flight.run(1.0)
+    assert "landerd: RC 11 is low, climbing away" in flight.texts
+    assert flight.texts[-1] == "landerd: landed: stands on the pad"
+    assert "landerd: granted" not in flight.texts
+    assert flight.lander.phase is Phase.LANDED
+
+
 def test_released_it_climbs_away_for_a_second_at_most_also_where_it_rests_on_the_pad() -> None:
     """Its thrust is just coming back: levelled then, vehicles were thrown off 5 m/s pads."""
     flight = released_touching()
