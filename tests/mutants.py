@@ -1125,10 +1125,26 @@ MUTANTS = [
     Mutant(
         "2: waits for a lull where a foot of a leaning vehicle touches",
         PHASES,
-        "return max(self._options.alignment_height_m, LEAST_LULL_HEIGHT_M)",
+        "return max(self._options.alignment_height_m, LULL_HEIGHT_M if self.leans else 0.0)",
         "return self._options.alignment_height_m",
         "guidance/test_landing.py::"
         "test_leaning_too_far_it_waits_with_clear_feet_also_where_the_alignment_height_is_low",
+    ),
+    Mutant(
+        "2: waits for a lull where it would be over before the vehicle is down",
+        PHASES,
+        "            return LULL_HEIGHT_M",
+        "            return self._options.alignment_height_m",
+        "guidance/test_landing.py::"
+        "test_leaning_too_far_to_touch_it_waits_over_the_pad_for_a_lull_and_then_hands_back",
+    ),
+    Mutant(
+        "6: does not tell that it comes no nearer",
+        "landerd/guidance/state_flying.py",
+        'return "" if self._gets_nearer(relative) else why',
+        'return ""',
+        "guidance/test_landing.py::"
+        "test_an_approach_that_does_not_come_nearer_is_told_every_ten_seconds",
     ),
     Mutant(
         "2: comes down however far it leans",
@@ -1136,7 +1152,7 @@ MUTANTS = [
         "self.leans = leans and relative.height",
         "self.leans = False and relative.height",
         "guidance/test_landing.py::"
-        "test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then_hands_back",
+        "test_leaning_too_far_to_touch_it_waits_over_the_pad_for_a_lull_and_then_hands_back",
     ),
     Mutant(
         "4: a landing begins on a pad that it may stand on",
@@ -1195,8 +1211,8 @@ MUTANTS = [
     Mutant(
         "6: does not tell what keeps it from descending",
         "landerd/guidance/state_flying.py",
-        "why = self._kept_off",
-        'why = ""',
+        'return "" if self._gets_lower(relative) else self._kept_off',
+        'return ""',
         "guidance/test_landing.py::test_gusts_that_keep_it_from_descending_are_told",
     ),
     Mutant(

@@ -37,10 +37,11 @@ MIN_DISTANCE_M = 0.01  # nearer to the landing point "outward" has no direction
 # smoothed: with both, a vehicle that leaned by 12 degrees touched a plate that somebody had tilted
 # by 24 degrees 1.3 s before, slid off it at 1.4 m/s and was thrown over by 61 degrees.
 LEAN_S, UPRIGHT = 2.0, math.radians(1.0)
-# A vehicle that leans too far waits at the alignment height, but at this at least, m, and the lean
-# counts below LEANS_BELOW times that: room to end the descent. At 0.1 m a foot was 3 cm into the
-# plate before the lean was known, at 0.05 m the vehicle landed leaning 33 degrees.
-LEAST_LULL_HEIGHT_M, LEANS_BELOW = 0.5, 2.0
+# A vehicle that leans too far waits for a lull at this height over the pad, m. At 0.1 m a foot was
+# 3 cm into the plate before the lean was known, at 0.05 m the vehicle landed leaning 33 degrees. At
+# 2 m a lull was over before the vehicle was down: of 31 windy days of the field world 22 ended in a
+# landing from here, and 19 from there. The lean counts from LEANS_FROM_M down.
+LULL_HEIGHT_M, LEANS_FROM_M = 0.8, 4.0
 # Gusts may keep a vehicle out of the region for most of the time. After WIDENS_AFTER_S in DESCENT
 # with a sink rate below WAITS_MPS the region widens, over WIDENS_S, to
 # guidance.descent.widest_k1_m. With 0.12 m on the ground throughout, 2 of 115 days of the field
@@ -151,11 +152,9 @@ class Phases:
     @property
     def _wait_height_m(self) -> float:
         """Height over the pad to wait at, m: until the heading is right, or leaning, for a lull."""
-        return self._lull_height_m if self.leans else self._options.alignment_height_m
-
-    @property
-    def _lull_height_m(self) -> float:
-        return max(self._options.alignment_height_m, LEAST_LULL_HEIGHT_M)
+        if self.leans and self._aligned and self._heading_known:
+            return LULL_HEIGHT_M
+        return max(self._options.alignment_height_m, LULL_HEIGHT_M if self.leans else 0.0)
 
     def watch(self, down: Vec3, relative: RelativeState, dt: float) -> None:
         """Update, in each control step before `step`, the lean and the time spent waiting.
@@ -177,7 +176,7 @@ class Phases:
         self._lean = angle_between(unlagged, relative.normal)
         leans = self._lean > self._most_lean - (UPRIGHT if self.leans else 0.0)
         # Higher up the lean may be that of braking.
-        self.leans = leans and relative.height < LEANS_BELOW * self._lull_height_m
+        self.leans = leans and relative.height < LEANS_FROM_M
 
     def step(
         self,

@@ -173,9 +173,7 @@ def test_it_leaves_room_for_a_deck_that_may_come_up_as_far_as_is_known() -> None
         assert flight.height > 2.0 or flight.setpoints[-1][1].velocity[2] < safe - 0.1
 
 
-def test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then_hands_back() -> (
-    None
-):
+def test_leaning_too_far_to_touch_it_waits_over_the_pad_for_a_lull_and_then_hands_back() -> None:
     """On a 10 m/s pad with wind ahead, all that touched leaning over 31 degrees tipped over."""
     config = Config.model_validate({"guidance": {"lost": {"give_up_s": 4.0}}})
     flight = Flight(config=config)
@@ -186,7 +184,7 @@ def test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then
         flight.tick()
         lowest = min(lowest, flight.height)
         assert flight.t < 160.0
-    assert lowest > config.guidance.descent.alignment_height_m
+    assert 0.7 < lowest < 1.2  # from 2 m up it would not be down before the lull is over
     assert "landerd: yaw correction: leans too far: 34 degrees" in flight.texts
     assert "landerd: no landing possible: pilot, take over" in flight.texts
 
