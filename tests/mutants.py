@@ -1125,16 +1125,16 @@ MUTANTS = [
     Mutant(
         "2: waits for a lull where a foot of a leaning vehicle touches",
         PHASES,
-        "return max(self._options.alignment_height_m, LULL_HEIGHT_M if self.leans else 0.0)",
-        "return self._options.alignment_height_m",
+        "return max(LULL_HEIGHT_M, self._options.alignment_height_m if turns else 0.0)",
+        "return self._options.alignment_height_m if turns else LULL_HEIGHT_M",
         "guidance/test_landing.py::"
         "test_leaning_too_far_it_waits_with_clear_feet_also_where_the_alignment_height_is_low",
     ),
     Mutant(
         "2: waits for a lull where it would be over before the vehicle is down",
         PHASES,
-        "            return LULL_HEIGHT_M",
-        "            return self._options.alignment_height_m",
+        "self._options.alignment_height_m if turns else 0.0)",
+        "self._options.alignment_height_m)",
         "guidance/test_landing.py::"
         "test_leaning_too_far_to_touch_it_waits_over_the_pad_for_a_lull_and_then_hands_back",
     ),

@@ -152,9 +152,10 @@ class Phases:
     @property
     def _wait_height_m(self) -> float:
         """Height over the pad to wait at, m: until the heading is right, or leaning, for a lull."""
-        if self.leans and self._aligned and self._heading_known:
-            return LULL_HEIGHT_M
-        return max(self._options.alignment_height_m, LULL_HEIGHT_M if self.leans else 0.0)
+        if not self.leans:
+            return self._options.alignment_height_m
+        turns = not (self._aligned and self._heading_known)
+        return max(LULL_HEIGHT_M, self._options.alignment_height_m if turns else 0.0)
 
     def watch(self, down: Vec3, relative: RelativeState, dt: float) -> None:
         """Update, in each control step before `step`, the lean and the time spent waiting.

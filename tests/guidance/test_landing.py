@@ -243,14 +243,19 @@ def test_data_that_come_too_seldom_to_land_by_are_told(kind: type, ticks: int, t
     assert flight.texts[told:].count(text) == 1
 
 
-def test_leaning_too_far_it_waits_with_clear_feet_also_where_the_alignment_height_is_low() -> None:
+@pytest.mark.parametrize("turns", [True, False])
+def test_leaning_too_far_it_waits_with_clear_feet_also_where_the_alignment_height_is_low(
+    turns: bool,
+) -> None:
     """With 0.1 m a foot touched before the lean was known; with 0.05 it landed leaning so."""
     flight = Flight(config=with_value(Config(), "guidance.descent.alignment_height_m", 0.05))
     flight.lean = math.radians(-33.0)
     flight.engaged()
     while flight.lander.state is State.TRACKING:
+        if not turns:
+            flight.order = replace(flight.order, yaw_rate=0.0)
         flight.tick()
-        assert flight.height > 0.45
+        assert flight.height > 0.7
     assert flight.contact_t is None
 
 
