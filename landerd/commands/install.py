@@ -97,8 +97,6 @@ def run(args: argparse.Namespace) -> int:
         print("\n".join(unreadable))
         return 1
     if steps and not args.dry_run:
-        # Another system's image has only the files: program and account are made where it runs.
-        left = [f"sudo python3 -m landerd install --board {args.board}    (on the board itself)"]
         if root == _SYSTEM:
             left = [
                 *BOARDS[args.board].left,
@@ -108,6 +106,9 @@ def run(args: argparse.Namespace) -> int:
                 f"landerd check -c {CONFIGURATION}",
                 "sudo systemctl enable --now landerd",
             ]
+        else:  # an image has only the files: program and account are made where it runs
+            board = args.board
+            left = [f"sudo python3 -m landerd install --board {board}    (on the board itself)"]
         print("left to you (docs/install.md):", *left, sep="\n  ")
     return 0
 
