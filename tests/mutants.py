@@ -644,6 +644,14 @@ MUTANTS = [
         "::test_a_slow_vehicle_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air",
     ),
     Mutant(
+        "4: levelled where it sinks later than predicted",
+        TOUCHDOWN,
+        "clamp(self._measured_mps, in_air - IN_AIR_ERROR_MPS, in_air)",
+        "in_air",
+        "guidance/test_touchdown.py"
+        "::test_a_vehicle_that_rose_late_with_a_deck_is_not_levelled_over_it_as_both_turn",
+    ),
+    Mutant(
         "4: contact is believed where the pad is seen lower",
         COMMITTED,
         "highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M",

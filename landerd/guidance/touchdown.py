@@ -35,6 +35,11 @@ ANSWERED_SHARE = 0.5
 # Delay of the vehicle's answer beyond that of ArduPilot's shaper, s. Measured with a shaper's delay
 # of 0.2 s: a vehicle that hovered sinks at 0.6 of the order 0.4 s after it.
 LATE_S = 0.2
+# How wrong the sink rate that the vehicle would have in the air may be at contact, m/s. Measured in
+# 200 days of the field world, predicted 0.6 s ahead in the descent: 0.076 to 0.078 rms, of which
+# this is 2 sigma. A vehicle that answered late, cushioned by its own wash, rose with a deck for
+# half a second longer than predicted: taken for held up, it was levelled 4 cm over it.
+IN_AIR_ERROR_MPS = 0.15
 # Longest time from the last sighting until contact is noticed, s; the rule allows 1.0.
 MAX_BLIND_S = 0.97
 # Greatest height of the lowest foot over the pad at which contact is believed, m (design rule 4):
@@ -188,6 +193,7 @@ class Touchdown:
         self._contact_t: float | None = None
         # Time, s, and sink rate that the vehicle would have in the air at that time, m/s.
         self._in_air: tuple[float, float] | None = None
+        self._measured_mps = math.inf  # sink rate last measured before contact
         self._flew_t = -math.inf  # when it was last seen to sink as it would in the air, s
         self._level = self.stands = self.has_rested = False
         self._lowest_down = -math.inf  # lowest local z of the feet since contact, m
@@ -235,7 +241,7 @@ class Touchdown:
         held_up_s = SAID_HELD_UP_S if says_so else HELD_UP_S
         is_held_up = now - self._slow_since >= held_up_s and clearance <= WRONG_BUILD_M
         if is_slow or is_held_up or (says_so and clearance <= MAX_CONTACT_HEIGHT_M):
-            self._contact_t = now
+            self.touch(now)
             return Event.CONTACT
         # A contact that began only now would be noticed later than MAX_BLIND_S.
         begins_late = sighting_age > MAX_BLIND_S - CONTACT_S and not self.may_touch
@@ -255,6 +261,7 @@ class Touchdown:
                 much more; 0 where no foot can be down.
         """
         sink_rate, ordered = sinking
+        self._measured_mps = sink_rate
         in_air = self._sink_rate_in_air(t, sink_rate, ordered) - heave
         self._ordered = [(at, o) for at, o in self._ordered if at > t - ANSWER_S]
         self._ordered.append((t, ordered - heave))
@@ -286,9 +293,17 @@ class Touchdown:
         return self._contact_t is not None
 
     def touch(self, t: float) -> None:
-        """Note contact at t (s), unless it was noted before."""
-        if self._contact_t is None:
-            self._contact_t = t
+        """Note contact at t (s), unless it was noted before.
+
+        It may have been none: the vehicle is then known to have sunk in the air as slowly as
+        measured, as far as the prediction may have been wrong.
+        """
+        if self._contact_t is not None:
+            return
+        self._contact_t = t
+        if self._in_air is not None:
+            at, in_air = self._in_air
+            self._in_air = at, clamp(self._measured_mps, in_air - IN_AIR_ERROR_MPS, in_air)
 
     def press(self, t: float) -> None:
         """Note contact at t (s) anew: the vehicle is pressed down before it is levelled again."""

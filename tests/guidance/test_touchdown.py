@@ -1,6 +1,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from landerd.config.models import AutopilotSection, Config
@@ -358,6 +359,44 @@ def test_a_slow_vehicle_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_a
         )
     # Now the deck has it, and carries it on.
     assert standing.level(2.0, sinks=0.3, sink_rate=0.3, heave=0.3, sigma_heave=0.1)[-1]
+
+
+def test_a_vehicle_that_rose_late_with_a_deck_is_not_levelled_over_it_as_both_turn() -> None:
+    """Field day 452: it stayed 4 cm over the deck for a second, and sank later than predicted."""
+    touchdown = make_touchdown(vertical_acceleration_mps2=1.6, vertical_jerk_mps3=2.3)
+    touchdown.begin(0.0)
+    t = 0.0
+    while not touchdown.has_touched:
+        t += DT
+        touchdown.watch(t, (_sinks(t), _ordered(t)), _heaves(t), unsure=0.2)
+        touchdown.step(t, 0.2, -0.03, Landed.IN_AIR)
+        assert t < 0.8
+    down = 0.0
+    while _sinks(t) < _heaves(t) + 0.2:
+        t += DT
+        down += _heaves(t) * DT
+        moves = replace(
+            STILL,
+            feet_down=down,
+            pad_down=down,
+            sink_rate=_sinks(t),
+            heave=_heaves(t),
+            sigma_heave=0.1,
+        )
+        assert not touchdown.level_due(t, moves, _ordered(t), Landed.IN_AIR)
+
+
+def _sinks(t: float) -> float:
+    measured = (0.0, -0.13, -0.18, -0.18, -0.1, 0.0, 0.15, 0.4)
+    return float(np.interp(t, (0.0, 0.2, 0.4, 0.8, 0.95, 1.25, 1.6, 2.0), measured))
+
+
+def _ordered(t: float) -> float:
+    return float(np.interp(t, (0.0, 0.25, 0.65, 1.0), (-0.2, 0.05, 0.05, 0.3)))
+
+
+def _heaves(t: float) -> float:
+    return float(np.interp(t, (0.0, 0.6, 1.25, 1.6), (-0.34, -0.27, -0.13, 0.0)))
 
 
 def test_a_vehicle_that_flew_on_after_a_false_contact_is_not_levelled_on_one_edge() -> None:
