@@ -1339,10 +1339,11 @@ MUTANTS = [
     ),
     Mutant(
         "5: believes a velocity that jumps as none can",
-        "landerd/estimation/outlier_rejector.py",
-        "first = is_other and jump != AS_EXPECTED",
-        "first = False",
-        "estimation/test_camera_pose.py::test_an_impossible_jump_of_velocity_or_heading_is_ignored",
+        "landerd/estimation/camera_pose.py",
+        "self._doubts = norm(sub(new.velocity, moves)) > KNOCK_MPS",
+        "self._doubts = False",
+        "estimation/test_camera_pose.py::"
+        "test_a_velocity_that_the_positions_contradict_is_not_believed_however_long_it_is_told",
     ),
     Mutant(
         "2: turns to the north of a plate that carries another pad's code",

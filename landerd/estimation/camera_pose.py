@@ -46,10 +46,10 @@ FRAME_JUMP_M = 0.3
 # flown one, and the error cancels only for a pad placed by the integral of that same velocity: with
 # 2 s the vehicle touched down 4 cm off, coming from low over the pad.
 POSITION_TIME_CONSTANT_S = 20.0
-# Bounds of what is physically possible from one report to the next: acceleration, m/s^2, and a
+# Bounds of what is possible from one report to the next without doubt: acceleration, m/s^2, and a
 # sudden change of velocity by a knock, m/s; change of the yaw rate, rad/s^2, and heading noise,
-# rad. Chosen by hand, well above what flies.
-FASTEST_MPS2, KNOCK_MPS = 50.0, 1.0
+# rad. Chosen by hand, above what flies. A harder knock is believed one report later.
+FASTEST_MPS2, KNOCK_MPS = 25.0, 0.5
 FASTEST_TURN, HEADING_NOISE = math.radians(400.0), math.radians(3.0)
 # A heading that has jumped is believed once reports have agreed for this long, s; until then the
 # gyros' rates are integrated, which holds for seconds. Of random headings two in a row agree every
@@ -112,15 +112,17 @@ class PoseHistory:
         self._measured = ZERO  # the newest reported position, in the frame kept, m
         self._wrong_climb_t = -math.inf  # last time that height and climb rate disagreed, s
         self._climb_error = 0.0  # low-passed change of height minus climb rate, m/s, down
-        self._velocities, self._headings = OutlierRejector(), OutlierRejector(HEADING_BELIEVED_S)
+        self._headings = OutlierRejector(HEADING_BELIEVED_S)
+        self._reported: LocalPosition | None = None  # the newest, taken or not
+        self._doubts = False  # its velocity is not believed
 
     def add(
         self, message: LocalPosition | Attitude | GimbalState, *, keeps_heading: bool = False
     ) -> None:
         """Take a measurement; one that is not newer than its predecessor is dropped.
 
-        A velocity that jumps as no vehicle can is dropped too, unless the next one agrees with it;
-        of an attitude whose heading jumps all but the heading is taken.
+        A velocity that jumps as no vehicle can is dropped too, until the positions move with it; of
+        an attitude whose heading jumps all but the heading is taken.
 
         Args:
             message: the measurement.
@@ -158,13 +160,25 @@ class PoseHistory:
             self.heading_offset = wrap(self.heading_offset + jump[2])
         return (*reported[:2], expected, *reported[3:])
 
-    def _speeds_up_too_fast(self, new: LocalPosition) -> bool:
-        before = self.position.just_before(new.t)
-        if before is None:
-            return False
-        dt, (_, _, _, u, v, w) = before
-        most = KNOCK_MPS + FASTEST_MPS2 * dt
-        return self._velocities.rejects(new.t, sub(new.velocity, (u, v, w)), most)
+    def _is_doubtful(self, new: LocalPosition, last: LocalPosition) -> bool:
+        """Tell whether a velocity has jumped as none can while the positions do not move with it.
+
+        An EKF that was reset goes on from its new velocity. One of 3 m/s that was reported for a
+        second of a vehicle that stood 0.2 m over its pad was flown after, and tipped it over there.
+
+        Args:
+            new: the newest report.
+            last: the one before, taken or not.
+        """
+        dt, before = new.t - last.t, self.position.just_before(new.t)
+        if before is not None:
+            _, (_, _, _, u, v, w) = before
+            jump = norm(sub(new.velocity, (u, v, w)))
+            self._doubts = jump > KNOCK_MPS + FASTEST_MPS2 * dt
+        if self._doubts:  # also for longer than max_gap_s
+            moves = scale(sub(new.position, last.position), 1.0 / dt)
+            self._doubts = norm(sub(new.velocity, moves)) > KNOCK_MPS
+        return self._doubts
 
     def _lagged(self, t: float, ordered: float, axis: int) -> float:
         """Return the modelled angle (rad) at t (s) of an axis that only reports its set-point.
@@ -183,9 +197,13 @@ class PoseHistory:
 
     def _add_position(self, new: LocalPosition) -> None:
         """Take a position and velocity into the complementary filter."""
-        last = self.position.newest
-        if last is not None and (new.t <= last[0] or self._speeds_up_too_fast(new)):
+        reported = self._reported
+        if reported is not None and new.t <= reported.t:
             return
+        self._reported = new
+        if reported is not None and self._is_doubtful(new, reported):
+            return
+        last = self.position.newest
         measured = position = sub(new.position, self._frame)
         if last is not None:
             x, y, z = last[1][:3]
@@ -234,6 +252,7 @@ class PoseHistory:
         self.attitude.clear()
         self._frame, self.heading_offset, self._climb_error = ZERO, 0.0, 0.0
         self._wrong_climb_t = -math.inf
+        self._reported, self._doubts = None, False
 
     def camera_pose(self, t: float, *, gimbal_back_s: float = 0.0) -> CameraPose | None:
         """Return the camera's pose at time t, or None where a history does not reach.

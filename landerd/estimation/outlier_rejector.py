@@ -11,13 +11,12 @@ AS_EXPECTED: Vec3 = (0.0, 0.0, 0.0)
 class OutlierRejector:
     """Judges the reports of one kind, in order."""
 
-    def __init__(self, believed_s: float = 0.0) -> None:
+    def __init__(self, believed_s: float) -> None:
         """Make one that has seen no jump yet.
 
         Args:
             believed_s: after a jump, reports must agree for this long before they are taken, s,
-                also those without a jump; 0: those are taken at once, jumped ones from the second
-                in a row that agrees.
+                also those without a jump.
         """
         self._believed_s = believed_s
         self._jump = AS_EXPECTED  # that the latest reports agree on

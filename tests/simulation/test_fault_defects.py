@@ -70,6 +70,12 @@ MENDED = [
         2,
         id="spikes of the velocity: sightings were refused, and it climbed where it stood",
     ),
+    pytest.param(
+        "{fault: position-biased, at: {height_m: 0.35}, for_s: 1, severity: 0.9}",
+        0.0,
+        1,
+        id="velocities 1.8 m/s off: it jerked over the pad as if that had gone off",
+    ),
 ]
 
 
