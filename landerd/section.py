@@ -5,10 +5,10 @@ Unlike `landerd.config` this may be imported by `hw`.
 
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from landerd.files import read_text, why_unread
 
@@ -18,10 +18,25 @@ NotNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
 Angle = Annotated[float, Field(strict=True, ge=-360, le=360)]  # in degrees
 
 
+# Magnitudes of the numbers with a fraction that are taken, beside 0. Squares and quotients of
+# others end a flight: those of a gain of 1e-200 and of an angle of 1e200 did.
+LEAST, MOST = 1e-9, 1e6
+
+T = TypeVar("T")
+
+
 class Section(BaseModel):
     """A block of keys: unknown ones are errors, values never change."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @field_validator("*")
+    @classmethod
+    def _can_be_reckoned_with(cls, value: T) -> T:
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float) and number and not LEAST <= abs(number) <= MOST:
+                raise ValueError(f"found {number:g}, expected 0 or {LEAST:g} to {MOST:g}")
+        return value
 
 
 def value_in_words(value: object) -> str:

@@ -179,8 +179,10 @@ class EstimationSection(Section):
     pad_acceleration_mps2: Positive = 0.3  # process noise of a new pad; then it is adapted
     gimbal_sigma_deg: NotNegative = 1.0  # slowly varying error of the lens's direction
     bearing_noise_deg: NotNegative = 0.05  # noise of that direction from frame to frame
-    gimbal_late_s: NotNegative = 0.002  # jitter of the times of attitude and gimbal angles
-    clock_sigma_s: NotNegative = 0.02  # error of the pictures' clock relative to the telemetry's
+    # jitter of the times of attitude and gimbal angles
+    gimbal_late_s: Annotated[float, Field(ge=0, le=1)] = 0.002
+    # error of the pictures' clock relative to the telemetry's
+    clock_sigma_s: Annotated[float, Field(ge=0, le=1)] = 0.02
     position_sigma_m: Positive = 0.002  # noise of the autopilot's position from frame to frame
     # innovations beyond this many standard deviations are refused
     gate_sigma: Annotated[float, Field(ge=1, le=20)] = 4.0

@@ -116,6 +116,23 @@ def test_the_positions_of_a_switch_must_lie_apart(folder: Path, land_us: int) ->
     ]
 
 
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("guidance: {tracking: {kp: 1e-200}}", "guidance.tracking.kp: found 1e-200"),
+        ("estimation: {gimbal_sigma_deg: 1e200}", "estimation.gimbal_sigma_deg: found 1e+200"),
+        ("sim: {pad: {speed_mps: 1e9}}", "sim.pad.speed_mps: found 1e+09"),
+        ("vehicle: {camera_offset_m: [0, 1e-20, 0]}", "vehicle.camera_offset_m: found 1e-20"),
+    ],
+)
+def test_numbers_whose_squares_and_quotients_would_end_a_flight_are_refused(
+    folder: Path, text: str, found: str
+) -> None:
+    assert faults(write(folder / "a.yaml", text)) == [
+        f"a.yaml:1: {found}, expected 0 or 1e-09 to 1e+06"
+    ]
+
+
 @pytest.mark.parametrize("value", ["'5'", "five", "true", "[5]", "{a: 5}", ".inf", "1e999", ""])
 def test_texts_and_truth_values_are_not_converted_to_numbers(folder: Path, value: str) -> None:
     path = write(folder / "a.yaml", f"aim: {{idle_yaw_deg: {value} }}")
