@@ -500,6 +500,13 @@ MUTANTS = [
         "guidance/test_landing.py::test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling",
     ),
     Mutant(
+        "4: one that tips about an edge gets its thrust back",
+        TOUCHDOWN,
+        "self._lowest_down - motion.foot_down",
+        "self._lowest_down - motion.feet_down",
+        "guidance/test_landing.py::test_levelled_it_gets_no_thrust_back_as_it_tips_about_an_edge",
+    ),
+    Mutant(
         "4: levelled while it rises from the pad",
         TOUCHDOWN,
         "if self._lifts(motion) and (self._level or not tips):",

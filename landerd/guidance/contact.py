@@ -2,6 +2,7 @@
 
 import math
 
+from landerd.estimation.camera_pose import DOWN
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import angle_between, horizontal
@@ -79,6 +80,7 @@ def level_due(
     pad = context.estimator.pad(step.now)
     motion = ContactMotion(
         feet_down=vehicle.feet[2],
+        foot_down=vehicle.feet[2] + vehicle.lowest_foot(DOWN),
         pad_down=context.below.down(step.now),
         sink_rate=vehicle.foot_velocity[2],
         slip=slip,

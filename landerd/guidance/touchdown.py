@@ -136,7 +136,8 @@ REFUSES_S = 1.0
 class ContactMotion:
     """How vehicle and pad move in a control step from contact on."""
 
-    feet_down: float  # local z of the feet, m
+    feet_down: float  # local z of the feet's centre, m
+    foot_down: float  # local z of the lowest foot, m
     pad_down: float  # local z of the pad, m: the lowest that it may have by now
     sink_rate: float  # measured, m/s, downward positive; infinity: unknown
     slip: float  # horizontal speed relative to the pad, measured, m/s; infinity: unknown
@@ -196,7 +197,7 @@ class Touchdown:
         self._measured_mps = math.inf  # sink rate last measured before contact
         self._flew_t = -math.inf  # when it was last seen to sink as it would in the air, s
         self._level = self.stands = self.has_rested = False
-        self._lowest_down = -math.inf  # lowest local z of the feet since contact, m
+        self._lowest_down = -math.inf  # lowest local z of a foot since contact, m
         self._tilt = 0.0  # largest since commit, rad
         self.turned_over = False
         self._disarm_t = -math.inf
@@ -432,9 +433,12 @@ class Touchdown:
         return self._level
 
     def _lifts(self, motion: ContactMotion) -> bool:
-        """Tell whether it rises from its pad; called at each control step."""
-        self._lowest_down = max(self._lowest_down, motion.feet_down)
-        risen_m = self._lowest_down - motion.feet_down
+        """Tell whether it rises from its pad; called at each control step.
+
+        Of one that tips about an edge the middle rises, but the foot on that edge does not.
+        """
+        self._lowest_down = max(self._lowest_down, motion.foot_down)
+        risen_m = self._lowest_down - motion.foot_down
         return risen_m > LIFTED_M and -motion.sink_rate > LIFTS_MPS + motion.fastest_heave
 
     def _is_pressed(self, now: float, motion: ContactMotion, ordered: float) -> bool:

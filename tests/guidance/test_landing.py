@@ -982,6 +982,28 @@ def test_a_vehicle_that_turns_over_on_the_ground_is_given_no_thrust(switch_us: i
     assert flight.lander.outcome == ("tipped_over" if switch_us == HIGH else "released")
 
 
+def test_levelled_it_gets_no_thrust_back_as_it_tips_about_an_edge() -> None:
+    """Its middle rises then; a foot stays where it was."""
+    flight = Flight().engaged()
+    flight.detects_landing = False
+    to(flight, State.ON_PAD)
+    flight.run(1.5)
+    assert flight.lander.state is State.ON_PAD
+    assert flight.pressed
+    gear, half_m = flight.config.vehicle.gear_height_m, 0.5 * flight.config.vehicle.footprint_m[0]
+    (north, east, down), before = flight.position, len(flight.pressed)
+    flight.pitch_rate = 1.2
+    for _ in range(24):
+        flight.pitch += flight.pitch_rate * DT
+        up = half_m * math.sin(flight.pitch) + gear * (math.cos(flight.pitch) - 1.0)
+        rises = (down - up - flight.position[2]) / DT
+        flight.position, flight.velocity = (north, east, down - up), (0.0, 0.0, rises)
+        flight.order = Setpoint(flight.velocity, 0.0)
+        assert flight.run(DT) == []
+    assert math.degrees(flight.pitch) > 40.0
+    assert len(flight.pressed) == before + 24
+
+
 def test_a_large_lean_for_a_moment_or_high_up_is_not_taken_for_turning_over() -> None:
     flight = Flight().engaged().until(Phase.DESCENT)
     flight.lean = math.radians(80.0)

@@ -195,6 +195,7 @@ def test_five_seconds_without_on_ground_is_unconfirmed() -> None:
 
 STILL = ContactMotion(
     feet_down=0.0,
+    foot_down=0.0,
     pad_down=0.0,
     sink_rate=0.0,
     slip=0.0,
@@ -235,7 +236,8 @@ class Standing:
             self.t += DT
             self.down += sinks * DT
             self.pad_down += moves.heave * DT
-            moves = replace(moves, feet_down=self.down, pad_down=self.pad_down)
+            feet = {"feet_down": self.down, "foot_down": self.down}
+            moves = replace(moves, **feet, pad_down=self.pad_down)
             ordered = GENTLE + max(0.0, moves.heave)
             due.append(
                 self.touchdown.level_due(
