@@ -6,7 +6,7 @@ frame (x right, y down, z forward).
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -75,7 +75,7 @@ def _distorted(k: tuple[float, ...], fisheye: bool, x: F64, y: F64) -> tuple[F64
         scale = bent / np.maximum(tangent, 1e-12)
         return np.where(tangent > 1e-8, x * scale, x), np.where(tangent > 1e-8, y * scale, y)
     k1, k2, p1, p2, k3, k4, k5, k6 = (*k, *(0.0,) * (8 - len(k)))
-    radial = 1.0 + square * (k1 + square * (k2 + square * k3))
+    radial = 1.0 + square * (k1 + square * (k2 + square * k3 if k3 else k2))
     if len(k) > 5:
         radial /= 1.0 + square * (k4 + square * (k5 + square * k6))
     both = 2.0 * x * y
@@ -150,12 +150,13 @@ class CameraModel:
     distortion: tuple[float, ...] = ()  # k1 k2 p1 p2 k3 [k4 k5 k6]; fisheye: k1 k2 k3 k4
     fisheye: bool = False
 
-    @property
+    # Both are made once, as every call of `rays` needs them.
+    @cached_property
     def K(self) -> F64:  # noqa: N802 - the field's name for it
         """Intrinsic matrix, (3, 3)."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
-    @property
+    @cached_property
     def D(self) -> F64:  # noqa: N802
         """Distortion coefficients in OpenCV's order, (n,)."""
         return np.array(self.distortion, dtype=np.float64)
@@ -214,9 +215,8 @@ class CameraModel:
     def _imaged(self, x: F64, y: F64) -> F64:
         """Return the pixels (n, 2) of distorted rays (n,) each."""
         pixels = np.empty((len(x), 2))
-        np.multiply(x, self.fx, out=pixels[:, 0])
-        np.multiply(y, self.fy, out=pixels[:, 1])
-        pixels += (self.cx, self.cy)
+        np.add(x * self.fx, self.cx, out=pixels[:, 0])
+        np.add(y * self.fy, self.cy, out=pixels[:, 1])
         return pixels
 
     def seeing(self, window: Window) -> "CameraModel":
