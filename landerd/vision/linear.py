@@ -1,13 +1,32 @@
-"""Inverses, eigenvectors and linear equations of small matrices by OpenCV, for speed.
+"""Inverses, eigenvectors and linear equations of small matrices, and products of small vectors.
 
-numpy's own functions take four to nine times as long. OpenCV also reports matrices as singular that
-are only small, as covariances are: those are handed to numpy, which decides.
+By OpenCV or written out, for speed: numpy's own functions take two to nine times as long. OpenCV
+also reports matrices as singular that are only small, as covariances are: those are handed to
+numpy, which decides.
 """
+
+import math
 
 import cv2
 import numpy as np
 
 from landerd.camera_model import F64
+
+
+def length(v: F64) -> float:
+    """Return the length of a vector (n,)."""
+    return math.sqrt(v @ v)
+
+
+def outer(a: F64, b: F64) -> F64:
+    """Return the matrix (n, m) of the products of two vectors, (n,) and (m,)."""
+    products: F64 = a[:, None] * b
+    return products
+
+
+def trace(matrix: F64) -> float:
+    """Return the sum of the diagonal of a matrix (3, 3)."""
+    return matrix.item(0, 0) + matrix.item(1, 1) + matrix.item(2, 2)
 
 
 def inverse(matrix: F64) -> F64:

@@ -19,7 +19,7 @@ import numpy as np
 from landerd.camera_model import F64
 from landerd.geometry import Vec3, cross, rotation_vector
 from landerd.messages import PoseSolution, SystematicError
-from landerd.vision.linear import inverse, solved
+from landerd.vision.linear import inverse, outer, solved, trace
 from landerd.vision.marker_errors import ERRORS, LEARNED_SHARE, SCALE, TILT, MarkerErrors
 from landerd.vision.pose import (
     Pose,
@@ -96,7 +96,7 @@ def ring_measurement(
         n = np.array(s.normal)
         information = np.zeros((6, 6))
         information[:3, :3] = inverse(np.array(s.covariance))
-        information[3:, 3:] = (np.eye(3) - np.outer(n, n)) / s.sigma_tilt**2
+        information[3:, 3:] = (np.eye(3) - outer(n, n)) / s.sigma_tilt**2
         R = rotation_from(n, np.array([0.0, -1.0, 0.0]) if abs(n[1]) < 0.9 else np.eye(3)[0])
         poses.append(Pose(R, np.array(s.position), information, s.cost - best, errors))
     return Measurement(marker, np.array([*place, 0.0]), None, tuple(poses))
@@ -114,7 +114,7 @@ def with_north(ring: Measurement, north: F64, sigma: float) -> Measurement:
     for p in ring.poses:
         n = p.normal
         information = p.information.copy()
-        information[3:, 3:] += np.outer(n, n) / sigma**2
+        information[3:, 3:] += outer(n, n) / sigma**2
         poses.append(replace(p, R=rotation_from(n, north), information=information))
     return replace(ring, heading=0.0, poses=tuple(poses))
 
@@ -153,6 +153,8 @@ def in_order(measured: list[Measurement]) -> list[Measurement]:
     Each of its solutions is a start for the joint pose; of the others the nearest one is used.
     """
     turned = [_to_pad_axes(m) for m in measured]
+    if len(turned) == 1:
+        return turned
     return sorted(
         turned, key=lambda m: -tilt_information(m.poses[0].information, m.poses[0].normal)
     )
@@ -197,7 +199,7 @@ def learn(measured: list[Measurement], errors: MarkerErrors, t: float, pad: Pose
     known = np.zeros_like(seen)
     known[6:, 6:] = before
     n = pose.normal
-    known[3:6, 3:6] = _MIN_YAW_INFORMATION * np.outer(n, n)
+    known[3:6, 3:6] = _MIN_YAW_INFORMATION * outer(n, n)
     joint = inverse(known + LEARNED_SHARE * seen)
     errors.learn(t, markers, mean + LEARNED_SHARE * (joint @ gradient)[6:], joint[6:, 6:])
 
@@ -224,7 +226,7 @@ def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSoluti
         alike = together @ together.T - np.sum([part @ part.T for part in parts], axis=0)
     noise = (P @ joint.seen @ P)[:6, :6] + alike
     total = P[:6, :6] + alike
-    total[:3, :3] += errors.scale_sigma**2 * np.outer(pose.t, pose.t)
+    total[:3, :3] += errors.scale_sigma**2 * outer(pose.t, pose.t)
     total[2, 2] += (errors.focal_sigma * pose.t[2]) ** 2
     found = solution_of(pose, total, has_north=has_north)
     if found is None:
@@ -232,7 +234,7 @@ def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSoluti
     systematic = total - noise
     turn = systematic[3:, 3:]
     yaw = max(0.0, float(pose.normal @ turn @ pose.normal))
-    tilt = max(0.0, 0.5 * (float(np.trace(turn)) - yaw))
+    tilt = max(0.0, 0.5 * (trace(turn) - yaw))
     return replace(found, systematic=SystematicError(mat3(systematic[:3, :3]), yaw**0.5, tilt**0.5))
 
 
@@ -253,21 +255,21 @@ def _to_pad_axes(m: Measurement) -> Measurement:
 def tilt_information(information: F64, normal: F64) -> float:
     """Return that about the two directions of a pose's normal, summed, 1/rad^2."""
     turn = information[3:, 3:]
-    return float(np.trace(turn) - normal @ turn @ normal)
+    return trace(turn) - float(normal @ turn @ normal)
 
 
 def _has_north(measured: list[Measurement]) -> bool:
     """Tell whether the markers tell the heading: one has its own, or they lie at two places."""
     if any(m.heading is not None for m in measured):
         return True
-    return any(np.abs(m.place - measured[0].place).max() > 1e-6 for m in measured)
+    return any(np.abs(m.place - measured[0].place).max() > 1e-6 for m in measured[1:])
 
 
 def _same(a: Pose, b: Pose) -> bool:
     """Tell whether two poses are the same minimum."""
     step = a.R.T @ b.R
     near = np.linalg.norm(a.t - b.t) < 1e-4 * np.linalg.norm(a.t)
-    return bool(near and np.trace(step) > 3.0 - 1e-5)
+    return bool(near and trace(step) > 3.0 - 1e-5)
 
 
 def _joint(
@@ -296,7 +298,7 @@ def _joint(
     for _ in range(_MAX_STEPS):
         seen, gradient, cost, pulls = _normal_equations(measured, pose, errors)
         n = pose.normal
-        seen[3:6, 3:6] += yaw_information * (n[:, None] * n)
+        seen[3:6, 3:6] += yaw_information * outer(n, n)
         information = seen.copy()
         information[6:, 6:] += known
         pull = known @ (errors - mean)

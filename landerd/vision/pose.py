@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Mat3, Vec3, angle_between, cross, dot
 from landerd.messages import PoseSolution
-from landerd.vision.linear import inverse
+from landerd.vision.linear import inverse, length, trace
 
 # Normals in consecutive frames belong to the same solution of the planar ambiguity if the cosine of
 # the angle between them is larger: a gimbal turns the camera by less between frames.
@@ -88,8 +88,8 @@ def solution_of(pose: Pose, covariance: F64, *, has_north: bool) -> PoseSolution
     """
     turn = covariance[3:, 3:]
     variance_yaw = float(pose.normal @ turn @ pose.normal)
-    variance_tilt = 0.5 * (float(np.trace(turn)) - variance_yaw)
-    if not np.all(np.isfinite(covariance)) or variance_yaw <= 0 or variance_tilt <= 0:
+    variance_tilt = 0.5 * (trace(turn) - variance_yaw)
+    if not np.isfinite(covariance).all() or variance_yaw <= 0 or variance_tilt <= 0:
         return None
     return PoseSolution(
         position=vec3(pose.t),
@@ -141,7 +141,7 @@ def rotation_from(normal: F64, north: F64 | None = None) -> F64:
     # In plain floats: numpy takes several times as long on single vectors.
     n, along = vec3(normal), vec3(north)
     off = dot(along, n)
-    x, y, z = (a - off * b for a, b in zip(along, n, strict=True))
+    x, y, z = along[0] - off * n[0], along[1] - off * n[1], along[2] - off * n[2]
     length = math.sqrt(x * x + y * y + z * z)
     east = cross(n, first := (x / length, y / length, z / length))
     return np.array([first, east, n]).T
@@ -176,7 +176,7 @@ def px_per_m(camera: CameraModel, t: F64, normal: F64) -> float:
         t: point (3,) of the plane, camera frame, m.
         normal: unit vector (3,) into the plane.
     """
-    slant = float(normal @ t) / float(np.linalg.norm(t))
+    slant = float(normal @ t) / length(t)
     return camera.focal * slant / max(float(t[2]), MIN_DEPTH_M)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64
 from landerd.vision.arrays import F32
-from landerd.vision.linear import eigen
+from landerd.vision.linear import eigen, length, outer
 from landerd.vision.ring_model import CENTRE, RATIO, TILT
 from landerd.vision.ring_pixels import sectors
 
@@ -59,14 +59,14 @@ def pose_uncertainty(
             unexplained shift of both edges and for motion.
     """
     t, axes = plane
-    gain = C[_POSE, 1:] - np.outer(C[_POSE, RATIO], C[RATIO, 1:] / C[RATIO, RATIO])
+    gain = C[_POSE, 1:] - outer(C[_POSE, RATIO], C[RATIO, 1:] / C[RATIO, RATIO])
     directions = rays - (t[:2] / t[2])[:, None]
     covariance = clustered_covariance(
         scale * gain[:, :_FITTED], gain, derivative * weighted, directions
     )
     e = axes.astype(np.float64)
-    covariance += frontal_inflation(covariance, e @ t / np.linalg.norm(t))
-    sigma_tilt = math.sqrt(max(0.0, float(np.trace(covariance[3:, 3:])) / 2.0))
+    covariance += frontal_inflation(covariance, e @ t / length(t))
+    sigma_tilt = math.sqrt(max(0.0, (covariance.item(3, 3) + covariance.item(4, 4)) / 2.0))
     return e.T @ covariance[:3, :3] @ e + shift(), sigma_tilt
 
 
@@ -122,7 +122,7 @@ def shift_covariance(position: F64, ratio: float, off: float, sigma: float) -> F
         sigma: of that error if only noise causes it.
     """
     share = (1.0 - ratio) / (1.0 + ratio**3)
-    return np.outer(position, position) * (share * share * max(0.0, off * off - sigma * sigma))
+    return outer(position, position) * (share * share * max(0.0, off * off - sigma * sigma))
 
 
 def motion_covariance(position: F64, radius: float, path: float) -> F64:
@@ -134,8 +134,10 @@ def motion_covariance(position: F64, radius: float, path: float) -> F64:
         path: of the ring's image during the exposure, rad.
     """
     off = _PATH_BIAS * path
-    distance = float(np.linalg.norm(position))
-    along = np.outer(position, position) * (off * distance / radius) ** 2
+    if off == 0.0:
+        return np.zeros((3, 3))
+    distance = length(position)
+    along = outer(position, position) * (off * distance / radius) ** 2
     return along + np.eye(3) * (off * distance) ** 2
 
 
@@ -159,5 +161,4 @@ def frontal_inflation(covariance: F64, sight: F64) -> F64:
         return np.zeros((5, 5))
     sigmas_4 = (angle * angle / variance / _DISTINCT_TILT_SIGMAS**2) ** 2
     share = 3.0 * math.exp(-min(sigmas_4, 50.0))
-    added: F64 = np.outer(moved, moved) * (share / variance)
-    return added
+    return outer(moved, moved) * (share / variance)

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64
-from landerd.geometry import add, scale, unit
+from landerd.geometry import add, rotate, scale, transpose, unit
 from landerd.messages import GREY
 from landerd.pad import Ring
 from landerd.vision.arrays import F32, Mask
 from landerd.vision.edge_profile import SIGMA_PER_MAD
+from landerd.vision.linear import length
 from landerd.vision.ring_covariance import (
     motion_covariance,
     pose_uncertainty,
@@ -202,17 +203,17 @@ def _descended(
     Quality and covariance come from these equations, as the last step changes little.
     """
     equations = None
-    is_near, last_reduction = False, np.zeros(len(estimate.t))
+    is_near, last_reduction = False, [0.0] * len(estimate.t)
     for i in range(steps):
         supersampled = model.pixels.supersample and (is_near or i >= steps - 2)
         equations = _normal_equations(model, prior, estimate, supersampled)
         if equations is None:
             return None
         reduction = _step(model, prior, estimate, equations)
-        is_open = _is_open(reduction, last_reduction, equations.noise, i)
-        if supersampled == model.pixels.supersample and not is_open.any():
+        is_open = _is_open(reduction, last_reduction, equations.noise.tolist(), i)
+        if supersampled == model.pixels.supersample and not is_open:
             break
-        is_near = is_near or float(reduction.min()) < _SUPERSAMPLED_BELOW
+        is_near = is_near or min(reduction) < _SUPERSAMPLED_BELOW
         last_reduction = reduction
     return equations
 
@@ -297,15 +298,19 @@ def _middle(residual: F32, is_told: Mask | None) -> F32:
     return np.where(np.isfinite(middle), middle, np.float32(_EXPLAINED))
 
 
-def _step(model: RingModel, prior: _Prior, estimate: _Estimate, equations: _NormalEquations) -> F64:
+def _step(
+    model: RingModel, prior: _Prior, estimate: _Estimate, equations: _NormalEquations
+) -> list[float]:
     """Move the estimate by a step that holds the ratio.
 
     Returns:
-        by how much chi-square should fall, (starts,).
+        by how much chi-square should fall, for each start.
     """
-    A, b = equations.H + equations.variance[:, None] * prior.damping, equations.b
-    step = np.array([_solved(a, c) for a, c in zip(A[:, 1:, 1:], b[:, 1:], strict=True)])
-    reduction: F64 = (step * b[:, 1:]).sum(axis=1) / equations.variance[:, 0]
+    A, b = equations.H + equations.variance[:, None] * prior.damping, equations.b[:, 1:]
+    # Zero where A is singular. A quarter of the time of numpy's own.
+    solved = [cv2.solve(a, c)[1] for a, c in zip(A[:, 1:, 1:], b[:, :, None], strict=True)]
+    step = np.array(solved)[:, :, 0]
+    reduction: list[float] = ((step * b).sum(axis=1) / equations.variance[:, 0]).tolist()
     _move(estimate, equations.axes, step, model.ring.radius_m)
     p = estimate.parameters
     p[:, BLUR:] += step[:, BLUR - 1 :]
@@ -317,40 +322,39 @@ def _step(model: RingModel, prior: _Prior, estimate: _Estimate, equations: _Norm
     return reduction
 
 
-def _solved(A: F64, b: F64) -> F64:
-    """Return the solution (n,) of A x = b; zero if A is singular. A quarter of numpy's time."""
-    return np.asarray(cv2.solve(A, b[:, None])[1], dtype=np.float64)[:, 0]
-
-
 def _move(estimate: _Estimate, axes: F32, step: F64, radius: float) -> None:
     """Move poses by steps (starts, 5 or more) on the planes' axes; too long ones are shortened."""
     # In plain floats: numpy takes several times as long on single vectors.
     centres, normals = [], []
     starts = (values.tolist() for values in (estimate.t, estimate.normal, axes, step))
-    for t, normal, (first, second, third), (a, b, c, p, q, *_) in zip(*starts, strict=True):
-        forward = add(add(scale(first, a), scale(second, b)), scale(third, c))
+    for t, normal, rows, (a, b, c, p, q, *_) in zip(*starts, strict=True):
+        to_camera = transpose(rows)
+        forward = rotate(to_camera, (a, b, c))
         x, y, z = t
         dx, dy, dz = forward
         aside = math.hypot(dx - x * dz / z, dy - y * dz / z)
         longest = max(abs(dz) / (_DEPTH_STEP * z), aside / (_ASIDE_STEP * radius), 1.0)
         x, y, z = add(t, scale(forward, 1.0 / longest))
         centres.append((x, y, max(z, _MIN_RANGE_M)))
-        turned = add(scale(first, p), scale(second, q))
+        turned = rotate(to_camera, (p, q, 0.0))
         normals.append(unit(add(normal, scale(turned, 1.0 / longest))))
     estimate.t, estimate.normal = np.array(centres), np.array(normals)
 
 
-def _is_open(reduction: F64, last_reduction: F64, noise: F32, steps_before: int) -> Mask:
-    """Tell for which starts another step is worth its time, (starts,)."""
-    is_open: Mask = (reduction > _CONVERGED) & (
-        (noise < _RIVAL_NOISE * noise.min()) | (steps_before < 2)
-    )
+def _is_open(
+    reduction: list[float], last_reduction: list[float], noise: list[float], steps_before: int
+) -> bool:
+    """Tell whether another step is worth its time for any of the starts."""
+    most_noise = math.inf if steps_before < 2 else _RIVAL_NOISE * min(noise)
+    of_starts = zip(reduction, last_reduction, noise, strict=True)
+    still_open = [(r, last) for r, last, n in of_starts if r > _CONVERGED and n < most_noise]
     # Near the end reductions fall ever faster, so the next one can be predicted from the last two.
     # As long as two poses compete, the last reduction itself must be small: their costs are
     # compared.
-    if np.count_nonzero(is_open) == 1:
-        is_open &= reduction * reduction > _CONVERGED * last_reduction
-    return is_open
+    if len(still_open) == 1:
+        ((r, last),) = still_open
+        return r * r > _CONVERGED * last
+    return bool(still_open)
 
 
 def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquations) -> list[RingFit]:
@@ -389,7 +393,7 @@ def _ring_fit(
     off = float(C[RATIO] @ equations.b[k]) / radius
     sigma_off = math.sqrt(max(0.0, scale * float(C[RATIO, RATIO]))) / radius
     motion = parameters[MOTION] if model.is_moving else np.zeros(2)
-    path = float(np.linalg.norm(motion)) / model.pixels.focal
+    path = length(motion) / model.pixels.focal
     uncertainty = partial(
         pose_uncertainty,
         C,

@@ -106,13 +106,14 @@ class RingModel:
         blur = np.sqrt(np.maximum(parameters[:, BLUR] - spread**2, MIN_BLUR_PX**2))
         s = blur.astype(np.float32)[:, None, None]
         d, shift = self._distances(g, supersampled)
-        shape = _joined(self._shape(g, d, shift, s, parameters), parts)
-        level = _level(shape, parameters)
+        p = parameters.astype(np.float32)
+        shape = _joined(self._shape(g, d, shift, s, p), parts)
+        level = _level(shape, p)
         if self.has_response:
             s = np.sqrt(s * s + np.float32(HALO_PX * HALO_PX))
-            softer = _joined(self._shape(g, d, shift, s, parameters), parts)
-            level = _respond(shape, level, softer, parameters)
-        return self._lit(shape, level, parameters)
+            softer = _joined(self._shape(g, d, shift, s, p), parts)
+            level = _respond(shape, level, softer, p)
+        return self._lit(shape, level, p)
 
     def _sampled(self, parameters: F64, supersampled: bool) -> tuple[F32, int, float]:
         """Return the rays of samples, their number per pixel, and what they add to the blur, px.
@@ -147,7 +148,7 @@ class RingModel:
         d -= bend * d * d
         return d, shift
 
-    def _shape(self, g: PlaneView, d: F32, shift: F32, s: F32, parameters: F64) -> F32:
+    def _shape(self, g: PlaneView, d: F32, shift: F32, s: F32, parameters: F32) -> F32:
         """Return the derivatives under even light (starts, rows before the light's, samples).
 
         Args:
@@ -179,7 +180,7 @@ class RingModel:
             shape[:, RESPONSE] = 0.0  # filled in by `_respond`
         return shape
 
-    def _lit(self, shape: F32, level: F32, parameters: F64) -> F32:
+    def _lit(self, shape: F32, level: F32, parameters: F32) -> F32:
         """Return the derivatives under light with a gradient, with those by it and the residual.
 
         Args:
@@ -188,7 +189,7 @@ class RingModel:
             parameters: see `derivative`.
         """
         grey = self.pixels.grey
-        light = parameters[:, self._static : self._static + 2].astype(np.float32) @ self._xy
+        light = parameters[:, self._static : self._static + 2] @ self._xy
         light += 1.0
         J = np.empty((len(parameters), self.rows, len(grey)), dtype=np.float32)
         np.multiply(shape, light[:, None], out=J[:, : self._static])
@@ -216,15 +217,15 @@ def _joined(shape: F32, parts: int) -> F32:
     return mean
 
 
-def _level(shape: F32, parameters: F64) -> F32:
+def _level(shape: F32, parameters: F32) -> F32:
     """Return grey levels (starts, n) under even light."""
     rises = _heights(parameters) * shape[:, HEIGHTS]
     level: F32 = rises[:, 0] + rises[:, 1]
-    level += parameters[:, INSIDE, None].astype(np.float32)
+    level += parameters[:, INSIDE, None]
     return level
 
 
-def _respond(shape: F32, level: F32, softer: F32, parameters: F64) -> F32:
+def _respond(shape: F32, level: F32, softer: F32, parameters: F32) -> F32:
     """Return grey levels after the camera's responses; change the derivatives in place likewise.
 
     Args:
@@ -233,8 +234,8 @@ def _respond(shape: F32, level: F32, softer: F32, parameters: F64) -> F32:
         softer: derivatives of the softer image of `ring_response`, like `shape`; overwritten.
         parameters: see `RingModel.derivative`.
     """
-    inside, outer, inner = parameters[:, INSIDE : HEIGHTS.stop].astype(np.float32).T[:, :, None]
-    response = parameters[:, RESPONSE].astype(np.float32)
+    inside, outer, inner = parameters[:, INSIDE : HEIGHTS.stop].T[:, :, None]
+    response = parameters[:, RESPONSE]
     made = responded(
         level, _level(softer, parameters), inside + inner, 0.5 * (outer - inner), response
     )
@@ -248,9 +249,9 @@ def _respond(shape: F32, level: F32, softer: F32, parameters: F64) -> F32:
     return made.level
 
 
-def _heights(parameters: F64) -> F32:
+def _heights(parameters: F32) -> F32:
     """Return the steps of the grey level at outer and inner edge, outwards, (starts, 2, 1)."""
-    return parameters[:, HEIGHTS].astype(np.float32)[:, :, None]
+    return parameters[:, HEIGHTS, None]
 
 
 def _blur_shift(area: F32, radii: F32, scale: F32) -> F32:

@@ -24,7 +24,13 @@ MARGIN = 0.24
 _SURROUNDINGS_SIGMAS = 30.0
 _MIN_WEIGHT = 0.02  # least weight of a pixel that is worth its time
 _MIN_COUNT = 30  # least number of pixels: a fit has 12 to 14 parameters
-_LEAST_RHO, _LEAST_LENGTH = np.float32(1e-9), np.float32(1e-12)  # added to divisors against zero
+# Constants of the functions that fits call most, as arrays (): numpy converts numbers, its own too,
+# in each operation. Added to divisors against zero; least part of a ray along the normal.
+_LEAST_RHO, _LEAST_LENGTH, _LEAST_M = (np.array(x, np.float32) for x in (1e-9, 1e-12, 1e-6))
+# The normal distribution function and its density by hyperbolic tangent and exponential.
+_CUBIC, _SLOPE, _HALF, _MINUS_HALF, _DENSITY = (
+    np.array(x, np.float32) for x in (0.0356774081, 0.7978845608, 0.5, -0.5, 0.3989422804)
+)
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ def edge_pixels(
     position, normal = pose
     around = circle(1.0, count) @ np.array(plane_frame(normal)[:2])
     points = position + np.array(radii)[:, None, None] * around
-    points[..., 2] = np.maximum(points[..., 2], 1e-3)
+    np.maximum(points[..., 2], 1e-3, out=points[..., 2])
     return camera.pixels(points).reshape(points.shape[0], count, 2)
 
 
@@ -173,7 +179,8 @@ def plane_axes(t: F64, normal: F64) -> tuple[F32, F32]:
         t: centres, camera frame, m, (starts, 3).
         normal: unit normals, camera frame, (starts, 3).
     """
-    return t.astype(np.float32), np.array([plane_frame(n) for n in normal], dtype=np.float32)
+    flat = [x for n in normal for axis in plane_frame(n) for x in axis]
+    return t.astype(np.float32), np.array(flat, dtype=np.float32).reshape(-1, 3, 3)
 
 
 class PlaneView:
@@ -199,7 +206,7 @@ class PlaneView:
         """
         self.v, self.focal, self.axes, self.t = v, focal, axes, t
         along = axes @ v
-        self.m = np.maximum(along[:, 2], 1e-6)
+        self.m = np.maximum(along[:, 2], _LEAST_M)
         centre = (axes @ t[:, :, None])[:, :, 0]
         off = centre[:, 2:]
         self.depth = off / self.m
@@ -285,15 +292,15 @@ def blurred_step(z: F32) -> tuple[F32, F32]:
     That is a step blurred by a Gaussian, `z` sigmas from it, and its derivative.
     """
     square = z * z
-    cdf: F32 = square * np.float32(0.0356774081)
-    cdf += np.float32(0.7978845608)
+    cdf: F32 = square * _CUBIC
+    cdf += _SLOPE
     cdf *= z
     np.tanh(cdf, out=cdf)
-    cdf *= np.float32(0.5)
-    cdf += np.float32(0.5)
-    square *= np.float32(-0.5)
+    cdf *= _HALF
+    cdf += _HALF
+    square *= _MINUS_HALF
     density: F32 = np.exp(square, out=square)
-    density *= np.float32(0.3989422804)
+    density *= _DENSITY
     return cdf, density
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from landerd.camera_model import F64
 from landerd.geometry import Vec3
-from landerd.vision.linear import eigen
+from landerd.vision.linear import eigen, length, outer
 
 # Centre (3,), m, and unit normal (3,) that points away from the camera, camera frame.
 CirclePose = tuple[F64, F64]
@@ -52,8 +52,8 @@ def cone_of_pose(position: F64, normal: F64, radius: float) -> F64:
         normal: unit vector (3,).
         radius: of the circle, m.
     """
-    a = float(normal @ position) * np.eye(3) - np.outer(position, normal)
-    cone: F64 = a.T @ a - radius * radius * np.outer(normal, normal)
+    a = float(normal @ position) * np.eye(3) - outer(position, normal)
+    cone: F64 = a.T @ a - radius * radius * outer(normal, normal)
     return cone
 
 
@@ -75,7 +75,7 @@ def _poses(values: F64, vectors: F64, radius: float) -> tuple[CirclePose, Circle
     """
     if values[1] < 0.0:  # signature (+, -, -): the same cone with the other sign
         values, vectors = -values[::-1], vectors[:, ::-1]
-    low, mid, high = (float(v) for v in values)
+    low, mid, high = values.tolist()
     if not low < 0.0 < mid:
         return None
     axis = vectors[:, 0] if vectors[2, 0] > 0 else -vectors[:, 0]
@@ -87,7 +87,7 @@ def _poses(values: F64, vectors: F64, radius: float) -> tuple[CirclePose, Circle
     for sign in (1.0, -1.0):
         position = depth * (c * high / mid * axis - sign * s * low / mid * across)
         normal = c * axis - sign * s * across
-        poses.append((position, normal / np.linalg.norm(normal)))
+        poses.append((position, normal / length(normal)))
     return poses[0], poses[1]
 
 

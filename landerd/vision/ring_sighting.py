@@ -12,6 +12,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting, PoseSolution
 from landerd.pad import Ring
+from landerd.vision.linear import length, outer
 from landerd.vision.pad_pose import MAX_RING_CHI2_ABOVE_BEST
 from landerd.vision.pose import gravity_cost, mat3, vec3
 from landerd.vision.ring_fit import RingFit
@@ -68,7 +69,7 @@ def _solution(
     for other in fits:
         chance = 1.0 / (1.0 + math.exp(min(0.5 * abs(other.cost - fit.cost), 50.0)))
         way = other.position - fit.position
-        C = C + chance * np.outer(way, way)
+        C = C + chance * outer(way, way)
     return PoseSolution(
         position=vec3(fit.position),
         normal=vec3(fit.normal),
@@ -82,7 +83,7 @@ def _solution(
 
 def _covariance(fit: RingFit, radius: float, focal: float) -> F64:
     """Return the covariance of a fit's position (3, 3), m^2, with errors residuals do not show."""
-    distance = float(np.linalg.norm(fit.position))
+    distance = length(fit.position)
     sight = fit.position / distance
     # A shift of the whole outline inwards or outwards changes the range; one that differs from side
     # to side, the direction.
@@ -94,5 +95,5 @@ def _covariance(fit: RingFit, radius: float, focal: float) -> F64:
     radial = bias_px * distance * distance / (focal * radius)
     lateral = _LATERAL_BIAS_PX * distance / focal
     biases = np.eye(3) * (lateral**2 + _MIN_SIGMA_M**2)
-    covariance: F64 = fit.covariance + np.outer(sight, sight) * radial**2 + biases
+    covariance: F64 = fit.covariance + outer(sight, sight) * radial**2 + biases
     return covariance

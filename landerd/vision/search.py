@@ -18,7 +18,7 @@ from landerd.vision import search_policy as policy
 from landerd.vision.arrays import Image
 from landerd.vision.detectors import Detectors
 from landerd.vision.expected import Expected
-from landerd.vision.linear import inverse
+from landerd.vision.linear import inverse, length, trace
 from landerd.vision.patch import is_any_in_picture, whole_in_picture
 from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_2d, rotation_from
 from landerd.vision.print_edges import EdgeFit
@@ -267,9 +267,7 @@ class Search:
 
     def _large_enough(self, rings: list[MarkerSighting]) -> list[MarkerSighting]:
         """Return the first `_RINGS_KEPT` of the rings that are at least min_ring_px across."""
-        large = [
-            r for r in rings if np.ptp(np.array(r.outline_px), axis=0).max() >= self._min_ring_px
-        ]
+        large = [r for r in rings if _extent(r) >= self._min_ring_px]
         return large[:_RINGS_KEPT]
 
     def _squares_expected(self, image: Image, expected: Expected) -> list[FoundSquare]:
@@ -402,7 +400,7 @@ class Search:
 
     def _search_scale(self, size: float, position: F64, normal: F64) -> float:
         """Return the enlargement at which a square of this size has `_SEARCH_SIDE_PX`."""
-        distance = float(np.linalg.norm(position))
+        distance = length(position)
         slant = max(_MIN_SLANT, abs(float(position @ normal)) / distance)
         return min(_MAX_SCALE, _SEARCH_SIDE_PX * distance / (self._camera.focal * size * slant))
 
@@ -431,12 +429,18 @@ class Search:
         return Window(int(x0), int(y0), int(x1), int(y1))
 
 
+def _extent(sighting: MarkerSighting) -> float:
+    """Return the longer side, px, of the upright box round a marker's outline."""
+    x = [x for x, _ in sighting.outline_px]
+    y = [y for _, y in sighting.outline_px]
+    return max(max(x) - min(x), max(y) - min(y))
+
+
 def _is_sure(sighting: MarkerSighting) -> bool:
     """Tell whether a ring's position is known better than its plate's sides would tell it."""
     pose = sighting.solutions[0]
-    return float(np.trace(np.array(pose.covariance))) < _SURE_SHARE**2 * dot(
-        pose.position, pose.position
-    )
+    (xx, _, _), (_, yy, _), (_, _, zz) = pose.covariance
+    return xx + yy + zz < _SURE_SHARE**2 * dot(pose.position, pose.position)
 
 
 def _telling_side_px(found: FoundSquare) -> float:
@@ -449,7 +453,7 @@ def _telling_side_px(found: FoundSquare) -> float:
     if found.fit is not None:
         pose = found.fit.pose
         covariance = inverse(pose.information)[:3, :3]
-        if float(np.trace(covariance)) > _TELLING_SHARE**2 * float(pose.t @ pose.t):
+        if trace(covariance) > _TELLING_SHARE**2 * float(pose.t @ pose.t):
             return 0.0
     return shortest_side(found.corners)
 
