@@ -37,12 +37,18 @@ class Level:
     """The searched part of an image at one size, and the camera that would see just that."""
 
     finer: "U8 | Level"  # what it is reduced from: the part at its own size, or a finer level
-    camera: CameraModel
+    whole: CameraModel  # that sees the part at its own size
+    size: tuple[int, int]  # width and height, px
     corner: tuple[int, int]  # of the part in the image: column and row, px
     reduction: float  # pixels of the image along one of the level
     # Diameter of the largest rings to look for here, px of the level; for oblique rings that is the
     # geometric mean of both diameters.
     largest_px: float
+
+    @cached_property
+    def camera(self) -> CameraModel:
+        """The camera that would see the level, made on demand like its image."""
+        return self.whole.resized(*self.size, 1.0 / self.reduction)
 
     @cached_property
     def image(self) -> U8:
@@ -53,7 +59,7 @@ class Level:
             finer, k = self.finer, self.reduction
         if k == 1.0:
             return finer
-        w, h = self.camera.width, self.camera.height
+        w, h = self.size
         whole = finer[: int(h * k), : int(w * k)] if k > 1.0 else finer
         interpolation = cv2.INTER_AREA if k > 1.0 else cv2.INTER_CUBIC
         return np.asarray(cv2.resize(whole, (w, h), interpolation=interpolation), dtype=np.uint8)
@@ -88,15 +94,16 @@ def levels(
         coarsest = max(0, math.ceil(math.log2(max(size, 1) / _COARSEST_PX)))
         halvings = list(range(coarsest + 1))
     made: list[Level] = []
+    seeing = camera.seeing(part)
     for n in halvings:
         k = 2.0**n
-        small_h, small_w = int(crop.shape[0] / k), int(crop.shape[1] / k)
-        if min(small_h, small_w) < _SMALLEST_SIDE_PX:
+        reduced = int(crop.shape[1] / k), int(crop.shape[0] / k)
+        if min(reduced) < _SMALLEST_SIDE_PX:
             break
-        seeing = camera.seeing(part).resized(small_w, small_h, 1.0 / k)
         largest_px = larger * (_LARGEST_PX if n > 0 else _SMALL_PX)
         largest_px = math.inf if n == halvings[-1] else largest_px
-        made.append(Level(made[-1] if made else crop, seeing, (part.x0, part.y0), k, largest_px))
+        finer = made[-1] if made else crop
+        made.append(Level(finer, seeing, reduced, (part.x0, part.y0), k, largest_px))
     return made[::-1]
 
 

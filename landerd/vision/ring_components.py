@@ -51,7 +51,9 @@ class Mosaic:
         self.heights = np.array([len(image) for image in images])
         self.widths = np.array([image.shape[1] for image in images])
         self._grey = [np.ravel(image) for image in images]
-        self._tops = np.concatenate([[0], np.cumsum(self.heights + 1)])
+        tops = np.zeros(len(images) + 1, np.intp)
+        np.cumsum(self.heights + 1, out=tops[1:])
+        self._tops = tops
         # A column on either side, so that no run goes on in the next row.
         self._dark = np.zeros((int(self._tops[-1]), int(self.widths.max()) + 2), np.uint8)
         for dark, top in zip(darks, self._tops[:-1].tolist(), strict=True):

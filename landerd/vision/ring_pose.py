@@ -126,7 +126,7 @@ def cone_through(rays: F64) -> F64 | None:
     if not spread > 0.0:
         return None
     x, y = ((rays - centre) / spread).T
-    design = np.column_stack([x * x, x * y, y * y, x, y])
+    design = np.array([x * x, x * y, y * y, x, y]).T
     # By QR decomposition: numpy's own least squares take nine times as long.
     is_told, conic_of = cv2.solve(design, np.ones((len(x), 1)), flags=cv2.DECOMP_QR)
     if not is_told:

@@ -260,7 +260,7 @@ def _likeliest(
         return found
     is_bloomed = ratio != inner_ratio
     share, score, white, roughness = _spokes(mosaic, c, aside, axes, ratio)
-    centre = np.stack([c.x, c.y], axis=1) + aside
+    centre = np.array([c.x, c.y]).T + aside
     outer = axes * ((1.0 + ratio) / (1.0 + inner_ratio))[:, None, None]
     is_shown = (share >= _MIN_SHARE) & ((share >= _CLEAR_SHARE) | (score >= _MIN_SCORE))
     is_shown &= ~is_bloomed | (white > _CLIPPED)
@@ -271,8 +271,9 @@ def _likeliest(
     ]
     is_rough = (roughness >= _MAX_ROUGHNESS) & (roughness < _BROKEN_ROUGHNESS)
     broken = np.flatnonzero(is_shown & is_rough & (share < _CLEAR_SHARE) & ~is_bloomed)
-    likeliest = broken[np.argsort(-score[broken], kind="stable")][:_MOST_BROKEN]
-    shown += _mended(mosaic, c.at(likeliest), inner_ratio)
+    if len(broken):
+        likeliest = broken[np.argsort(-score[broken], kind="stable")][:_MOST_BROKEN]
+        shown += _mended(mosaic, c.at(likeliest), inner_ratio)
     for part, candidate in sorted(shown, key=lambda k: (-k[1].share, -k[1].score)):
         if len(found[part]) < _MAX_OUTLINES:
             found[part].append(candidate)
@@ -419,8 +420,8 @@ def _spokes(
     `Candidate`; white is the lower grey level of hole and surroundings; roughness is how much the
     stroke's level changes from spoke to spoke, over the step to white.
     """
-    centre = np.stack([c.x, c.y], axis=1)
-    scales = np.stack([_HOLE_SCALE * k, (1.0 + k) / 2.0, np.full_like(k, _AROUND_SCALE)], axis=1)
+    centre = np.array([c.x, c.y]).T
+    scales = np.array([_HOLE_SCALE * k, (1.0 + k) / 2.0, np.full_like(k, _AROUND_SCALE)]).T
     middle = centre[:, None] + scales[:, :, None] ** 2 * aside[:, None]
     at = middle[..., None] + scales[:, :, None, None] * (axes @ _CIRCLE)[:, None]
     columns, rows = np.rint(at).astype(np.intp).transpose(2, 0, 1, 3)
