@@ -19,6 +19,7 @@ from landerd.vision.arrays import Image, Mask
 from landerd.vision.linear import inverse
 from landerd.vision.pose import MIN_DEPTH_M, Pose
 
+_CORNERS = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]])  # of a square of side 2
 _MAX_SIDE_PX = 30.0  # the image of a larger marker is reduced to about this side
 _MIN_SIDE_PX = 4  # least sides of the box round a marker, px of the reduced image
 _MIN_COUNT = 50  # least number of pixels: a fit has 11 parameters
@@ -74,8 +75,7 @@ def marker_patch(
         reduction: number of pixels along a side that become one; None: chosen by the marker's size.
         white: width of the white beyond the reach that no pixel may look across, m.
     """
-    corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * reach
-    outline = pose.points(corners)
+    outline = pose.points(_CORNERS * reach)
     if outline[:, 2].min() < MIN_DEPTH_M:
         return None
     px = camera.pixels(outline)
@@ -125,7 +125,8 @@ def _reduction(px: F64, low: NDArray[np.int_], high: NDArray[np.int_], widest: f
         high: its bottom right corner, likewise.
         widest: number that is not exceeded, unless that takes more than four times the pixels.
     """
-    in_image = float(np.prod(np.maximum(high - low, 0)))
+    width, height = (high - low).tolist()
+    in_image = float(max(width, 0) * max(height, 0))
     area = min(cv2.contourArea(px.astype(np.float32)), in_image)
     by_size = math.sqrt(area) / _MAX_SIDE_PX
     return max(1, round(max(min(by_size, widest), 0.5 * by_size)))
@@ -138,8 +139,9 @@ def on_plane(rays: F64, pose: Pose) -> tuple[F64, F64]:
         rays: homogeneous, camera frame, (3, n).
         pose: of the marker, camera frame.
     """
-    H = inverse(np.column_stack([pose.R[:, 0], pose.R[:, 1], pose.t]))
-    q = H @ rays
+    from_plane = pose.R.copy()
+    from_plane[:, 2] = pose.t
+    q = inverse(from_plane) @ rays
     return q[0] / q[2], q[1] / q[2]
 
 
@@ -210,7 +212,8 @@ def lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int],
     nodes[..., 0] = columns
     nodes[..., 1] = rows[:, None]
     at = camera.rays(nodes.reshape(-1, 2)).T.reshape(2, _LENS_NODES, _LENS_NODES)
-    rays = np.ones((3, size[0] * size[1]))
+    rays = np.empty((3, size[0] * size[1]))
+    rays[2] = 1.0
     rays[:2] = (_lagrange(size[1]) @ at @ _lagrange(size[0]).T).reshape(2, -1)
     return rays
 

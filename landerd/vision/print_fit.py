@@ -20,7 +20,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.vision.arrays import Image
 from landerd.vision.blurred_print import BlurredPrint
 from landerd.vision.edge_profile import SIGMA_PER_MAD
-from landerd.vision.linear import inverse, solved
+from landerd.vision.linear import inverse, outer, solved
 from landerd.vision.patch import Patch, marker_patch, on_plane, pose_slope
 from landerd.vision.pose import EQUAL_NORMALS_COS, Pose
 from landerd.vision.square_pose import corner_information, square_points
@@ -353,7 +353,8 @@ class MarkerPrint:
         light = estimate.light
         shade = 1.0 + light[2] * patch.x + light[3] * patch.y
         off = residual[telling] / np.maximum(light[1] * shade[telling], 1e-9)
-        return min(float((off > _TURNED).mean()), float((off < -_TURNED).mean()))
+        turned = min(np.count_nonzero(off > _TURNED), np.count_nonzero(off < -_TURNED))
+        return turned / len(off)
 
     def _information(
         self, matrix: F64, variance: float, pose: Pose, bias: float, shift: float
@@ -374,7 +375,7 @@ class MarkerPrint:
         information: F64 = inverse(
             variance * inverse(of_pose)
             + inverse(corner_information(pose, self._size, bias))
-            + np.outer(nearer, nearer)
+            + outer(nearer, nearer)
         )
         return information
 

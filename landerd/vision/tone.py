@@ -39,9 +39,10 @@ def toned(
         parameters (..., 2, n).
     """
     bulge, bend = tone[..., :1], tone[..., 1:]
-    product = value * (1.0 - value)
-    by_bend = product * (1.0 - 2.0 * value)
-    by_tone = np.stack([product, by_bend], axis=-2)
+    by_tone = np.empty((*value.shape[:-1], TONES, value.shape[-1]), value.dtype)
+    product, by_bend = by_tone[..., 0, :], by_tone[..., 1, :]
+    np.multiply(value, 1.0 - value, out=product)
+    np.multiply(product, 1.0 - 2.0 * value, out=by_bend)
     if not tone.any():
         return value, np.ones_like(value), by_tone
     slope = 1.0 + bulge * (1.0 - 2.0 * value) + bend * (1.0 - 6.0 * product)
@@ -50,7 +51,8 @@ def toned(
 
 def bounded(tone: F64) -> F64:
     """Return the parameters (2,) limited to those that cameras have."""
-    return np.clip(tone, -MAX_TONE, MAX_TONE)
+    # numpy's `clip` takes twice as long.
+    return np.minimum(np.maximum(tone, -MAX_TONE), MAX_TONE)
 
 
 def edge_shift(tone: F64, blur: float) -> float:
