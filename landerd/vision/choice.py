@@ -11,6 +11,7 @@ large ring hardly. If a decoded marker and a ring beside it contradict each othe
 therefore taken to be bent, by as little as explains the contradiction.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from landerd.pad import PadLayout, Ring, Square, WhyCode, size_m
 from landerd.vision.linear import solved
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, pad_poses, tilt_information
-from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
+from landerd.vision.pose import MIN_DEPTH_M, box, circle, rotation_from
 from landerd.vision.square_pose import corner_information
 
 # Candidates from which a consensus is grown: bounds the time among look-alikes.
@@ -164,16 +165,16 @@ def _no_two_alike(candidates: list[Candidate]) -> bool:
 
 
 def _same_outline(a: MarkerSighting, b: MarkerSighting) -> bool:
-    p, q = np.array(a.outline_px), np.array(b.outline_px)
-    sizes = np.ptp(p, axis=0).max(), np.ptp(q, axis=0).max()
-    apart = np.linalg.norm((p.min(axis=0) + p.max(axis=0) - q.min(axis=0) - q.max(axis=0)) / 2.0)
-    return bool(apart < _SAME_MIDDLE * min(sizes) and max(sizes) < _SAME_SIZE * min(sizes))
+    (x, y, width, height), (u, v, breadth, length) = box(a.outline_px), box(b.outline_px)
+    small, large = sorted((max(width, height), max(breadth, length)))
+    return math.hypot(x - u, y - v) < _SAME_MIDDLE * small and large < _SAME_SIZE * small
 
 
 def _uncertainty(candidate: Candidate) -> float:
     """Return a sort key: decoded candidates come first, then those larger in the image."""
     undecoded = 0.0 if candidate.sighting.id is not None else 1e9
-    return undecoded - float(np.ptp(np.array(candidate.sighting.outline_px), axis=0).max())
+    _, _, width, height = box(candidate.sighting.outline_px)
+    return undecoded - max(width, height)
 
 
 def _count_missing(

@@ -16,8 +16,9 @@ In all other cases the pad is not expected anywhere, and the whole image is sear
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
@@ -57,7 +58,13 @@ class Expected:
     def starts(self, marker: Marker) -> "list[Expected]":
         """Return expectations to start a marker's fit from, the likelier first."""
         drift = self.drift.get(marker)
-        return [self] if drift is None else [replace(self, position=self.position + drift), self]
+        if drift is None:
+            return [self]
+        position = self.position + drift
+        drifted = Expected(
+            position, self.normal, self.north, self.sigma_m, self.margin_px, self.drift
+        )
+        return [drifted, self]
 
     def centre(self, marker: Marker) -> F64 | None:
         """Return where a marker's centre (3,) should be; None: that needs the unknown heading."""
@@ -88,7 +95,13 @@ class Expected:
         return axes
 
 
-def expected_pad(t: float, prior: Prior, last: SeenPad | None, focal: float) -> Expected | None:
+def expected_pad(
+    t: float,
+    prior: Prior,
+    last: SeenPad | None,
+    focal: float,
+    drift: Mapping[Marker, F64] = MappingProxyType({}),
+) -> Expected | None:
     """Return where the pad should be in the frame of time t; None: it may be anywhere.
 
     Args:
@@ -96,12 +109,13 @@ def expected_pad(t: float, prior: Prior, last: SeenPad | None, focal: float) -> 
         prior: what the estimator predicts.
         last: the pad as last seen.
         focal: focal length of the camera, px.
+        drift: see `Expected`.
     """
     if last is not None and not 0.0 <= t - last.t <= _MAX_SIGHTING_AGE_S:
         last = None
     predicted = prior.pad or prior.maybe
     if predicted is not None:
-        return _as_predicted(predicted, prior.down, last)
+        return _as_predicted(predicted, prior.down, last, drift)
     if last is None:
         return None
     dt, pad = t - last.t, last.pose
@@ -111,10 +125,13 @@ def expected_pad(t: float, prior: Prior, last: SeenPad | None, focal: float) -> 
         None if pad.north is None else np.array(pad.north),
         _MAX_RANGE_RATE_MPS * dt,
         _MAX_IMAGE_RATE * dt * focal,
+        drift,
     )
 
 
-def _as_predicted(pad: PadPrior, down: Vec3 | None, last: SeenPad | None) -> Expected:
+def _as_predicted(
+    pad: PadPrior, down: Vec3 | None, last: SeenPad | None, drift: Mapping[Marker, F64]
+) -> Expected:
     position = np.array(pad.position)
     level = pad.normal or down
     if level is not None:
@@ -125,4 +142,4 @@ def _as_predicted(pad: PadPrior, down: Vec3 | None, last: SeenPad | None) -> Exp
         normal = position / np.linalg.norm(position)
     known = pad.north or (last.pose.north if last is not None else None)
     north = None if known is None else np.array(known)
-    return Expected(position, normal, north, pad.sigma_m, _PRIOR_MARGIN_PX)
+    return Expected(position, normal, north, pad.sigma_m, _PRIOR_MARGIN_PX, drift)

@@ -59,14 +59,14 @@ class MarkerErrors:
         found = self._known.get(tuple(markers))
         if found is None:
             at = _places(markers)
-            found = self._mean[at], inverse(self._covariance[np.ix_(at, at)])
+            found = self._mean[at], inverse(_block(self._covariance, at))
             self._known[tuple(markers)] = found
         return found
 
     def first(self, markers: list[int]) -> F64:
         """Return the covariance (7 k, 7 k) of k markers according to the pad file alone."""
         at = _places(markers)
-        return self._first[np.ix_(at, at)]
+        return _block(self._first, at)
 
     def is_due(self, t: float) -> bool:
         """Tell whether it is time to learn from a frame of time t (s) again."""
@@ -84,7 +84,7 @@ class MarkerErrors:
         self._forget(t)
         self._known.clear()
         at = _places(markers)
-        known = self._covariance[np.ix_(at, at)]
+        known = _block(self._covariance, at)
         gain = solved(known, self._covariance[at]).T
         self._mean = self._mean + gain @ (mean - self._mean[at])
         changed = self._covariance + gain @ (covariance - known) @ gain.T
@@ -100,6 +100,11 @@ class MarkerErrors:
 
 def _places(markers: list[int]) -> list[int]:
     return [ERRORS * m + k for m in markers for k in range(ERRORS)]
+
+
+def _block(matrix: F64, at: list[int]) -> F64:
+    """Return rows and columns of a matrix, in a third of the time of `np.ix_`."""
+    return matrix[at].take(at, axis=1)
 
 
 def _variances(marker: Marker, layout: PadLayout) -> list[float]:

@@ -32,6 +32,8 @@ from landerd.vision.pose import (
     vec3,
 )
 
+_UNIT = np.eye(3)
+_UP, _RIGHT = np.array([0.0, -1.0, 0.0]), _UNIT[0]  # in the picture
 _MAX_STEPS = 5
 # Iteration ends when a step reduces chi-square by less than this: a hundredth of a sigma.
 _CONVERGED = 1e-4
@@ -96,8 +98,8 @@ def ring_measurement(
         n = np.array(s.normal)
         information = np.zeros((6, 6))
         information[:3, :3] = inverse(np.array(s.covariance))
-        information[3:, 3:] = (np.eye(3) - outer(n, n)) / s.sigma_tilt**2
-        R = rotation_from(n, np.array([0.0, -1.0, 0.0]) if abs(n[1]) < 0.9 else np.eye(3)[0])
+        information[3:, 3:] = (_UNIT - outer(n, n)) / s.sigma_tilt**2
+        R = rotation_from(n, _UP if abs(n[1]) < 0.9 else _RIGHT)
         poses.append(Pose(R, np.array(s.position), information, s.cost - best, errors))
     return Measurement(marker, np.array([*place, 0.0]), None, tuple(poses))
 
@@ -228,14 +230,12 @@ def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSoluti
     total = P[:6, :6] + alike
     total[:3, :3] += errors.scale_sigma**2 * outer(pose.t, pose.t)
     total[2, 2] += (errors.focal_sigma * pose.t[2]) ** 2
-    found = solution_of(pose, total, has_north=has_north)
-    if found is None:
-        return None
     systematic = total - noise
     turn = systematic[3:, 3:]
     yaw = max(0.0, float(pose.normal @ turn @ pose.normal))
     tilt = max(0.0, 0.5 * (trace(turn) - yaw))
-    return replace(found, systematic=SystematicError(mat3(systematic[:3, :3]), yaw**0.5, tilt**0.5))
+    error = SystematicError(mat3(systematic[:3, :3]), yaw**0.5, tilt**0.5)
+    return solution_of(pose, total, has_north=has_north, systematic=error)
 
 
 def with_gravity(pose: Pose, down: Vec3 | None) -> Pose:
@@ -288,7 +288,8 @@ def _joint(
     # The first marker keeps this one solution, and the pad starts where this solution and the
     # marker's known errors put it. From another start, of a bent pad low under the camera, the
     # mirrored solution seemed nearer.
-    measured = [replace(measured[0], poses=(first,)), *measured[1:]]
+    m = measured[0]
+    measured = [Measurement(m.marker, m.place, m.heading, (first,)), *measured[1:]]
     R = _start_rotation(measured, first, prior_north) @ cv2.Rodrigues(errors[TILT])[0].T
     t = first.t * (1.0 + errors[SCALE]) - R @ (measured[0].place + errors[:3])
     pose = Pose(R, t, np.zeros((6, 6)), 0.0)

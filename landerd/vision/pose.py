@@ -8,6 +8,7 @@ All of vision works with `Pose`; `solution` turns one into the message that visi
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Mat3, Vec3, angle_between, cross, dot
-from landerd.messages import PoseSolution
+from landerd.messages import PoseSolution, SystematicError
 from landerd.vision.linear import inverse, length, trace
 
 # Normals in consecutive frames belong to the same solution of the planar ambiguity if the cosine of
@@ -78,13 +79,16 @@ def solution(pose: Pose) -> PoseSolution | None:
     return solution_of(pose, covariance, has_north=True)
 
 
-def solution_of(pose: Pose, covariance: F64, *, has_north: bool) -> PoseSolution | None:
+def solution_of(
+    pose: Pose, covariance: F64, *, has_north: bool, systematic: SystematicError | None = None
+) -> PoseSolution | None:
     """Return the message of a pose; None: its covariance is not finite or not positive.
 
     Args:
         pose: its information is not read.
         covariance: of (dt, w), (6, 6), m and rad.
         has_north: whether the heading is known; else the message has no north and no sigma of yaw.
+        systematic: the part of the covariance that is the same in every frame.
     """
     turn = covariance[3:, 3:]
     variance_yaw = float(pose.normal @ turn @ pose.normal)
@@ -99,6 +103,7 @@ def solution_of(pose: Pose, covariance: F64, *, has_north: bool) -> PoseSolution
         sigma_yaw=variance_yaw**0.5 if has_north else None,
         sigma_tilt=variance_tilt**0.5,
         cost=pose.cost,
+        systematic=systematic,
     )
 
 
@@ -178,6 +183,13 @@ def px_per_m(camera: CameraModel, t: F64, normal: F64) -> float:
     """
     slant = float(normal @ t) / length(t)
     return camera.focal * slant / max(float(t[2]), MIN_DEPTH_M)
+
+
+def box(outline: Sequence[tuple[float, float]]) -> tuple[float, float, float, float]:
+    """Return the middle, x and y, the width and the height of the upright box round an outline."""
+    x, y = [x for x, _ in outline], [y for _, y in outline]
+    left, right, top, bottom = min(x), max(x), min(y), max(y)
+    return 0.5 * (left + right), 0.5 * (top + bottom), right - left, bottom - top
 
 
 def circle(radius: float, count: int = 16) -> F64:

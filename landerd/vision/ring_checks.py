@@ -4,8 +4,6 @@
 Noise, here, is the robust sigma of a fit's residuals, grey levels.
 """
 
-import numpy as np
-
 from landerd.camera_model import F64, CameraModel
 from landerd.pad import Ring
 from landerd.vision.ring_fit import RingFit
@@ -114,7 +112,7 @@ def is_ring(fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
         return False
     if fit.response is not None:
         return _is_ring_behind(fit, fit.response, ring)
-    moved = bool(np.any(fit.motion_px))
+    moved = bool(fit.motion_px.any())
     noises = _MIN_MOVING_CONTRAST_NOISES if moved else _MIN_CONTRAST_NOISES
     is_clear = fit.contrast > noises * fit.noise and fit.inliers > _MIN_INLIERS
     is_explained = is_clear or (_is_noisy(fit) and fit.coherent < _PLAIN_COHERENT)

@@ -287,10 +287,11 @@ def _normal_equations(
 
 def _middle(residual: F32, is_told: Mask | None) -> F32:
     """Return the median absolute residual (starts,) of the pixels (starts, n) that count."""
-    size = np.abs(residual)
+    size: F32 = np.abs(residual)
     n = size.shape[1]
     if is_told is None:
-        return np.asarray(np.partition(size, n // 2, axis=1)[:, n // 2])
+        size.partition(n // 2, axis=1)
+        return size[:, n // 2]
     size[~is_told] = np.inf
     counts = np.maximum(is_told.sum(axis=1), 1)
     ordered = np.sort(size, axis=1)

@@ -38,7 +38,7 @@ def is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     if not is_ring(fit, ring, camera) or _has_rings_within(image, camera, ring, fit):
         return False
     # Motion and responses explain much, a target of several rings too.
-    is_plain = fit.response is None and not np.any(fit.motion_px)
+    is_plain = fit.response is None and not fit.motion_px.any()
     is_doubtful = not is_plain or is_poor(fit)
     return not (is_doubtful and edges_contradict(image, camera, ring, fit))
 
@@ -110,5 +110,5 @@ def remember(response: CameraResponse, fit: RingFit) -> None:
     """Let the camera's response learn from an accepted fit, except from one with motion."""
     if fit.stage == EDGES:
         response.learn_edges()
-    elif not np.any(fit.motion_px):
+    elif not fit.motion_px.any():
         response.learn(fit.response, fit.response_chi2)

@@ -20,7 +20,7 @@ from landerd.vision.detectors import Detectors
 from landerd.vision.expected import Expected
 from landerd.vision.linear import inverse, length, trace
 from landerd.vision.patch import is_any_in_picture, whole_in_picture
-from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_2d, rotation_from
+from landerd.vision.pose import MIN_DEPTH_M, Pose, box, circle, rotation_2d, rotation_from
 from landerd.vision.print_edges import EdgeFit
 from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_work import RingWork
@@ -267,7 +267,7 @@ class Search:
 
     def _large_enough(self, rings: list[MarkerSighting]) -> list[MarkerSighting]:
         """Return the first `_RINGS_KEPT` of the rings that are at least min_ring_px across."""
-        large = [r for r in rings if _extent(r) >= self._min_ring_px]
+        large = [r for r in rings if max(box(r.outline_px)[2:]) >= self._min_ring_px]
         return large[:_RINGS_KEPT]
 
     def _squares_expected(self, image: Image, expected: Expected) -> list[FoundSquare]:
@@ -427,13 +427,6 @@ class Search:
         if not (x1 - x0 >= 4 and y1 - y0 >= 4):
             return None
         return Window(int(x0), int(y0), int(x1), int(y1))
-
-
-def _extent(sighting: MarkerSighting) -> float:
-    """Return the longer side, px, of the upright box round a marker's outline."""
-    x = [x for x, _ in sighting.outline_px]
-    y = [y for _, y in sighting.outline_px]
-    return max(max(x) - min(x), max(y) - min(y))
 
 
 def _is_sure(sighting: MarkerSighting) -> bool:

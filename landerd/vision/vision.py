@@ -141,12 +141,10 @@ class Vision:
         shown = _checked(frame.image, self._whole)[y0:y1, x0:x1]
         image = spread(shown)
         prior = prior or Prior()
-        expected = expected_pad(frame.t, prior, self._last, self._camera.focal)
+        expected = expected_pad(frame.t, prior, self._last, self._camera.focal, self._drift)
         if prior.pad is None and prior.maybe is None:
             self._was_read = False
         vouched = self._is_vouched(frame.t, prior)
-        if expected is not None:
-            expected = replace(expected, drift=self._drift)
         rings, squares = self._search.find(
             frame.t,
             image,
@@ -347,7 +345,7 @@ class Vision:
         if not solutions:
             return None
         points = level[0].points(outline)
-        polygon = tuple((float(x), float(y)) for x, y in self._camera.pixels(points))
+        polygon = tuple((x, y) for x, y in self._camera.pixels(points).tolist())
         sighting = MarkerSighting(marker.kind, marker.id, solutions, polygon, stage)
         number = self._layout.markers.index(marker)
         return Candidate(marker, sighting, Measurement(number, place, heading, tuple(poses)))
