@@ -248,8 +248,11 @@ def _to_pad_axes(m: Measurement) -> Measurement:
     if m.heading is None:
         return m
     heading = m.heading
-    poses = tuple(replace(p, R=turned_about_normal(p.R, -heading)) for p in m.poses)
-    return replace(m, poses=poses)
+    poses = tuple(
+        Pose(turned_about_normal(p.R, -heading), p.t, p.information, p.cost, p.shared)
+        for p in m.poses
+    )
+    return Measurement(m.marker, m.place, heading, poses)
 
 
 def tilt_information(information: F64, normal: F64) -> float:

@@ -11,7 +11,9 @@ for light that this model does not explain.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,9 +81,14 @@ class Fit:
     # Share of the pixels that distinguish the print from others and are white for black, or that
     # are black for white, whichever is smaller: dirt or glare cause one of the two, another print
     # both.
-    contradicted: float
+    contradiction: Callable[[], float]
     pixels: float  # number of pixels, as the sum of their weights
     reduction: int  # of the pixels, see `Patch`
+
+    @property
+    def contradicted(self) -> float:
+        """The share of `contradiction`, computed on demand: a decoded print's is not asked for."""
+        return self.contradiction()
 
     @property
     def darkens(self) -> bool:
@@ -94,6 +101,7 @@ class _Estimate:
     """The present parameters of a fit."""
 
     pose: Pose
+    corners: F64  # rays of the print's corners under that pose, (4, 2)
     blur: float  # variance, pixels^2
     light: F64  # black, contrast, gradients: (4,)
     tone: F64  # (2,)
@@ -209,7 +217,8 @@ class MarkerPrint:
     def _fitted(self, patch: Patch, start: Pose, blur: float, has_rival: bool) -> Fit | None:
         """Return the fit from a start, with a blur in a sharp lens's; None if there is none."""
         light, was_toned = _first_light(patch.grey), bool(self._tone.any())
-        estimate = _Estimate(start, blur * patch.blur, light, self._tone, was_toned)
+        corners = self.corner_rays(start)
+        estimate = _Estimate(start, corners, blur * patch.blur, light, self._tone, was_toned)
         equations = self._descended(patch, estimate, has_rival)
         return None if equations is None else self._judged(patch, estimate, equations)
 
@@ -291,9 +300,9 @@ class MarkerPrint:
         """Move an estimate; return by how much a corner moved at most, pixels."""
         pose = estimate.pose
         moved = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
-        shift = np.abs(self.corner_rays(moved) - self.corner_rays(pose)) / patch.pixel
-        motion_px = float(shift.max())
-        estimate.pose = moved
+        corners = self.corner_rays(moved)
+        motion_px = float(np.abs(corners - estimate.corners).max()) / patch.pixel
+        estimate.pose, estimate.corners = moved, corners
         if motion_px < _LEARN_BLUR_PX:
             blur = estimate.blur
             estimate.blur = min(max(blur + float(step[_BLUR]), 0.5 * blur, 0.05), 2.0 * blur)
@@ -330,7 +339,6 @@ class MarkerPrint:
         explained = 1.0 - squares / max(scatter, 1e-9)
         is_seen = estimate.is_toned and equations.tone_loss(estimate.tone) > _TONE_CHI2
         tone = estimate.tone if is_seen else LINEAR
-        contradicted = self._contradicted(patch, estimate, equations.residual)
         blur = estimate.blur / patch.blur
         return Fit(
             pose=fitted,
@@ -340,7 +348,7 @@ class MarkerPrint:
             correlation=correlation,
             tone=tone,
             blur=blur,
-            contradicted=contradicted,
+            contradiction=partial(self._contradicted, patch, estimate, equations.residual),
             pixels=pixels,
             reduction=patch.reduction,
         )

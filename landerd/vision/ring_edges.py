@@ -23,7 +23,7 @@ from landerd.pad import Ring
 from landerd.vision.arrays import F32, U8, Mask
 from landerd.vision.edge_profile import ROBUST_SIGMAS, SIGMA_PER_MAD, crossing, is_step, medians
 from landerd.vision.linear import inverse
-from landerd.vision.ring_pixels import PlaneView, plane_axes
+from landerd.vision.ring_pixels import PlaneView, pose_axes
 from landerd.vision.ring_pose import CirclePose
 
 INTERP = cv2.INTER_CUBIC
@@ -175,7 +175,7 @@ def points_on(ring: Ring, pose: CirclePose) -> F64:
 
 def _points(ring: Ring, pose: CirclePose, radii: F64) -> F64:
     """Return points (..., rays, 3) on circles of radii (..., rays), camera frame, m."""
-    _, axes = plane_axes(pose[0][None], pose[1][None])
+    _, axes = pose_axes(pose)
     around = _CIRCLE @ axes[0, :2].astype(np.float64)
     points: F64 = pose[0] + radii[..., None] * around
     return points
@@ -342,7 +342,7 @@ def _normal_equations(
 ) -> tuple[_Equations, float]:
     """Return the linearised problem about a pose, and the noise of edges, px."""
     focal = camera.focal
-    t32, axes = plane_axes(pose[0][None], pose[1][None])
+    t32, axes = pose_axes(pose)
     g = PlaneView(edges.rays, focal, t32, axes)
     n = _RAYS
     radii = np.repeat([ring.radius_m, ring.radius_m * ring.inner_ratio], n)

@@ -32,7 +32,7 @@ from landerd.vision.ring_checks import is_blurred_away, is_dim_within
 from landerd.vision.ring_covariance import frontal_inflation
 from landerd.vision.ring_edges import RingEdgeFit, edge_fit, points_on
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_pixels import plane_axes
+from landerd.vision.ring_pixels import pose_axes
 from landerd.vision.ring_pose import CirclePose, mirrored
 
 # ---- what edges must show to be a ring's -------------------------------------------------------
@@ -524,7 +524,7 @@ def _covariance(e: RingEdgeFit, ring: Ring, camera: CameraModel, blur_px: float 
 
     `blur_px` is that of a fit to grey levels; None: there is none.
     """
-    _, axes = plane_axes(e.position[None], e.normal[None])
+    _, axes = pose_axes((e.position, e.normal))
     a = axes[0].astype(np.float64)
     distance = float(np.linalg.norm(e.position))
     sight = e.position / distance

@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64
-from landerd.geometry import add, rotate, scale, transpose, unit
+from landerd.geometry import Vec3, add, dot, rotate, scale, transpose, unit
 from landerd.messages import GREY
 from landerd.pad import Ring
 from landerd.vision.arrays import F32, Mask
 from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.linear import length
+from landerd.vision.pose import vec3
 from landerd.vision.ring_covariance import (
     motion_covariance,
     pose_uncertainty,
@@ -130,8 +131,10 @@ class RingFit:
 class _Estimate:
     """The present parameters of the fits from all starts."""
 
-    t: F64  # (starts, 3), m
-    normal: F64  # (starts, 3)
+    # Of each start: centre, m, and unit normal, camera frame. In plain floats: numpy takes several
+    # times as long on single vectors.
+    t: list[Vec3]
+    normal: list[Vec3]
     # (starts, rows - 1): blur, levels, motion or response, and light as `RingModel` takes them.
     # The columns of ratio and pose stay 0: the ratio is held, the pose is in t and normal.
     parameters: F64
@@ -235,8 +238,8 @@ def _first_estimate(
     black, white = levels
     parameters = np.zeros((len(starts), rows - 1))
     parameters[:, BLUR : HEIGHTS.stop] = blur_px**2, white, white - black, black - white
-    t = np.array([position for position, _ in starts])
-    return _Estimate(t, np.array([normal for _, normal in starts]), parameters)
+    t, normal = [vec3(position) for position, _ in starts], [vec3(normal) for _, normal in starts]
+    return _Estimate(t, normal, parameters)
 
 
 @lru_cache
@@ -325,10 +328,9 @@ def _step(
 
 def _move(estimate: _Estimate, axes: F32, step: F64, radius: float) -> None:
     """Move poses by steps (starts, 5 or more) on the planes' axes; too long ones are shortened."""
-    # In plain floats: numpy takes several times as long on single vectors.
-    centres, normals = [], []
-    starts = (values.tolist() for values in (estimate.t, estimate.normal, axes, step))
-    for t, normal, rows, (a, b, c, p, q, *_) in zip(*starts, strict=True):
+    starts = zip(estimate.t, estimate.normal, axes.tolist(), step.tolist(), strict=True)
+    estimate.t, estimate.normal = [], []
+    for t, normal, rows, (a, b, c, p, q, *_) in starts:
         to_camera = transpose(rows)
         forward = rotate(to_camera, (a, b, c))
         x, y, z = t
@@ -336,10 +338,9 @@ def _move(estimate: _Estimate, axes: F32, step: F64, radius: float) -> None:
         aside = math.hypot(dx - x * dz / z, dy - y * dz / z)
         longest = max(abs(dz) / (_DEPTH_STEP * z), aside / (_ASIDE_STEP * radius), 1.0)
         x, y, z = add(t, scale(forward, 1.0 / longest))
-        centres.append((x, y, max(z, _MIN_RANGE_M)))
+        estimate.t.append((x, y, max(z, _MIN_RANGE_M)))
         turned = rotate(to_camera, (p, q, 0.0))
-        normals.append(unit(add(normal, scale(turned, 1.0 / longest))))
-    estimate.t, estimate.normal = np.array(centres), np.array(normals)
+        estimate.normal.append(unit(add(normal, scale(turned, 1.0 / longest))))
 
 
 def _is_open(
@@ -370,8 +371,7 @@ def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquation
     fits = [
         _ring_fit(model, estimate, equations, k, float(costs[k]))
         for k, (t, normal) in enumerate(zip(estimate.t, estimate.normal, strict=True))
-        if float(normal @ t) > _MIN_COS * math.hypot(*t.tolist())
-        and float(equations.products[k, -1, -1]) > 0.0
+        if dot(normal, t) > _MIN_COS * math.hypot(*t) and float(equations.products[k, -1, -1]) > 0.0
     ]
     return sorted(fits, key=lambda f: f.cost)
 
@@ -380,7 +380,7 @@ def _ring_fit(
     model: RingModel, estimate: _Estimate, equations: _NormalEquations, k: int, cost: float
 ) -> RingFit:
     """Return the fit from start k, with its quality."""
-    t, parameters, radius = estimate.t[k], estimate.parameters[k], model.ring.radius_m
+    t, parameters, radius = np.array(estimate.t[k]), estimate.parameters[k], model.ring.radius_m
     inside, outer, inner = parameters[INSIDE : HEIGHTS.stop].tolist()
     black, outside = inside + inner, inside + inner + outer
     C = cv2.invert(equations.H[k])[1]  # numpy's own takes five times as long
@@ -407,7 +407,7 @@ def _ring_fit(
     )
     return RingFit(
         position=t,
-        normal=estimate.normal[k],
+        normal=np.array(estimate.normal[k]),
         blur_px=math.sqrt(float(parameters[BLUR])),
         motion_px=motion,
         inside=inside,

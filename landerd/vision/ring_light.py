@@ -12,7 +12,7 @@ from landerd.pad import Ring
 from landerd.vision.arrays import Mask
 from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_pixels import Pixels, PlaneView, blurred_step, plane_axes
+from landerd.vision.ring_pixels import Pixels, PlaneView, blurred_step, pose_axes
 
 _CLEAR_PX = 0.7  # a pixel is all white if it is farther than this plus the blur from an edge, px
 _MIN_WHITE = 16  # least number of white pixels
@@ -151,7 +151,7 @@ def _softened(features: F64, grey: F64, shadow: _Shadow) -> _Shadow | None:
 
 def _white(pixels: Pixels, fit: RingFit, ring: Ring) -> Mask:
     """Tell which pixels (n,) are all white if the ring lies as fitted."""
-    g = PlaneView(pixels.rays, pixels.focal, *plane_axes(fit.position[None], fit.normal[None]))
+    g = PlaneView(pixels.rays, pixels.focal, *pose_axes((fit.position, fit.normal)))
     radii = (ring.radius_m, ring.radius_m * ring.inner_ratio)
     d_o, d_i = ((g.rho[0] - r) / g.scale[0] for r in radii)
     clear = fit.blur_px + _CLEAR_PX

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
+from landerd.geometry import Vec3
 from landerd.pad import Ring
 from landerd.vision.arrays import F32, U8
 from landerd.vision.patch import lens_grid
-from landerd.vision.pose import circle
+from landerd.vision.pose import circle, vec3
 from landerd.vision.ring_pose import CirclePose, plane_frame
 
 # Extent of a ring, px, below which it is supersampled: its edges are curved within the blur, which
@@ -56,7 +57,7 @@ def edge_pixels(
         count: number of points on each.
     """
     position, normal = pose
-    around = circle(1.0, count) @ np.array(plane_frame(normal)[:2])
+    around = circle(1.0, count) @ np.array(plane_frame(vec3(normal))[:2])
     points = position + np.array(radii)[:, None, None] * around
     np.maximum(points[..., 2], 1e-3, out=points[..., 2])
     return camera.pixels(points).reshape(points.shape[0], count, 2)
@@ -110,7 +111,7 @@ def _weighted(
 
     The weights are (n,); `band_px` is the largest distance from an edge.
     """
-    g = PlaneView(v, focal, *plane_axes(pose[0][None], pose[1][None]))
+    g = PlaneView(v, focal, *pose_axes(pose))
     d_o, d_i = ((g.rho[0] - r) / g.scale[0] for r in _radii(ring))
     # Share of a pixel's light that comes from beyond the white margin, where anything may lie.
     beyond, _ = blurred_step((d_o - MARGIN * ring.radius_m / g.scale[0]) / max(0.7, band_px / 3.0))
@@ -172,15 +173,20 @@ def _across(
     return v, image[p[:, 1], p[:, 0]]
 
 
-def plane_axes(t: F64, normal: F64) -> tuple[F32, F32]:
+def plane_axes(t: Sequence[Vec3], normal: Sequence[Vec3]) -> tuple[F32, F32]:
     """Return centres (starts, 3), m, and plane axes (starts, 3, 3) as `PlaneView` takes them.
 
     Args:
-        t: centres, camera frame, m, (starts, 3).
-        normal: unit normals, camera frame, (starts, 3).
+        t: centres, camera frame, m.
+        normal: unit normals, camera frame.
     """
     flat = [x for n in normal for axis in plane_frame(n) for x in axis]
-    return t.astype(np.float32), np.array(flat, dtype=np.float32).reshape(-1, 3, 3)
+    return np.array(t, dtype=np.float32), np.array(flat, dtype=np.float32).reshape(-1, 3, 3)
+
+
+def pose_axes(pose: CirclePose) -> tuple[F32, F32]:
+    """Return the same of one pose: (1, 3) and (1, 3, 3)."""
+    return plane_axes([vec3(pose[0])], [vec3(pose[1])])
 
 
 class PlaneView:

@@ -17,6 +17,7 @@ import numpy as np
 from landerd.camera_model import F64
 from landerd.geometry import Vec3
 from landerd.vision.linear import eigen, length, outer
+from landerd.vision.pose import vec3
 
 # Centre (3,), m, and unit normal (3,) that points away from the camera, camera frame.
 CirclePose = tuple[F64, F64]
@@ -24,16 +25,16 @@ CirclePose = tuple[F64, F64]
 
 def tangents(normal: F64) -> tuple[F64, F64]:
     """Return two unit vectors (3,) that span the plane of a unit normal (3,)."""
-    e1, e2, _ = plane_frame(normal)
+    e1, e2, _ = plane_frame(vec3(normal))
     return np.array(e1), np.array(e2)
 
 
-def plane_frame(normal: F64) -> tuple[Vec3, Vec3, Vec3]:
+def plane_frame(normal: Vec3) -> tuple[Vec3, Vec3, Vec3]:
     """Return two unit vectors that span the plane of a unit normal, and the normal.
 
-    All three are plain floats, and each is perpendicular to the others.
+    Each is perpendicular to the others.
     """
-    x, y, z = normal.tolist()
+    x, y, z = normal
     # The first tangent is perpendicular to x or y, whichever is farther from the normal.
     if abs(x) < 0.7:
         k = 1.0 / math.hypot(y, z)

@@ -9,7 +9,7 @@ import numpy as np
 
 from landerd.pad import Ring
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_pixels import Pixels, PlaneView, plane_axes, sectors
+from landerd.vision.ring_pixels import Pixels, PlaneView, pose_axes, sectors
 
 _SECTORS = 12
 _BIN_PX, _BINS = 1.0, 8  # width and number of bins across an edge
@@ -23,16 +23,16 @@ def coherent_residual(pixels: Pixels, fit: RingFit, ring: Ring) -> float:
     different pixels' residuals hold no noise, however loud it is and wherever it grows: tone
     curves, shadows and texture stay.
     """
-    view = PlaneView(pixels.rays, pixels.focal, *plane_axes(fit.position[None], fit.normal[None]))
+    view = PlaneView(pixels.rays, pixels.focal, *pose_axes((fit.position, fit.normal)))
     to_outer, to_inner = (
         (view.rho[0] - radius) / view.scale[0]
         for radius in (ring.radius_m, ring.radius_m * ring.inner_ratio)
     )
     is_outer = np.abs(to_outer) < np.abs(to_inner)
     distance = np.where(is_outer, to_outer, to_inner)
-    across = np.clip(np.floor(distance / _BIN_PX) + _BINS // 2, 0, _BINS - 1).astype(np.intp)
+    across = np.minimum(np.maximum(np.floor(distance / _BIN_PX) + _BINS // 2, 0), _BINS - 1)
     sector = sectors(view.u[0, 0], view.u[0, 1], _SECTORS)
-    group = (is_outer * _BINS + across) * _SECTORS + sector
+    group = (is_outer * _BINS + across.astype(np.intp)) * _SECTORS + sector
     residual = fit.residual
     assert residual is not None
     total = np.bincount(group, residual, _GROUPS)

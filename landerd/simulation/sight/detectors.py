@@ -180,7 +180,7 @@ class ModelledDetectors:
             correlation=0.0,
             tone=LINEAR,
             blur=1.0,
-            contradicted=0.0,
+            contradiction=lambda: 0.0,
             pixels=1.0,
             reduction=1,
         )
