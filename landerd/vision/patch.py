@@ -92,7 +92,7 @@ def marker_patch(
     inside = is_used(*on_plane(rays, pose))
     if np.count_nonzero(inside) < _MIN_COUNT:
         return None
-    rays = rays[:, inside]
+    rays = rays.compress(inside, axis=1)  # rows in one piece, unlike those of rays[:, inside]
     return Patch(
         grey=grey.reshape(-1)[inside],
         rays=rays,

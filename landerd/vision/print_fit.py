@@ -395,7 +395,7 @@ def _scatter(patch: Patch, weight: F64) -> float:
         LinAlgError: the pixels leave a gradient open.
     """
     root = np.sqrt(weight)
-    light = np.stack([root, root * patch.x, root * patch.y])
+    light = np.array([root, root * patch.x, root * patch.y])
     grey = root * patch.grey
     left = grey - solved(light @ light.T, light @ grey) @ light
     return float(left @ left)
@@ -457,8 +457,9 @@ def _on_print(per_ray: float, pose: Pose) -> F64:
     # A turn of the ray t by dr moves its point on the plane by t_z (dr - t n.dr / n.t).
     north, east, normal = pose.R.T
     along = normal[:2] / float(normal @ pose.t)
-    A = np.array(
-        [east[:2] - float(east @ pose.t) * along, float(north @ pose.t) * along - north[:2]]
-    ) * (per_ray * float(pose.t[2]))
+    A = np.empty((2, 2))
+    A[0] = east[:2] - float(east @ pose.t) * along
+    A[1] = float(north @ pose.t) * along - north[:2]
+    A *= per_ray * float(pose.t[2])
     spread: F64 = A @ A.T
     return spread

@@ -51,6 +51,8 @@ class Mosaic:
         self.heights = np.array([len(image) for image in images])
         self.widths = np.array([image.shape[1] for image in images])
         self._grey = [np.ravel(image) for image in images]
+        sizes = self.heights * self.widths
+        self._first = np.cumsum(sizes) - sizes  # of each image's pixels
         tops = np.zeros(len(images) + 1, np.intp)
         np.cumsum(self.heights + 1, out=tops[1:])
         self._tops = tops
@@ -62,10 +64,8 @@ class Mosaic:
 
     def grey(self, part: Indices, rows: Indices, columns: Indices) -> U8:
         """Return the grey levels of pixels of images; arrays of shapes that fit one another."""
-        sizes = self.heights * self.widths
-        first = np.cumsum(sizes) - sizes
         grey = self._grey[0] if len(self._grey) == 1 else np.concatenate(self._grey)
-        levels: U8 = grey[first[part] + rows * self.widths[part] + columns]
+        levels: U8 = grey[self._first[part] + rows * self.widths[part] + columns]
         return levels
 
     def components(self, largest_px: float, holed_px: F64) -> Components:
@@ -139,14 +139,13 @@ class Mosaic:
 
     def _box(self, c: Components, i: int) -> tuple[U8, int, int]:
         """Return what is dark about one of the components, and where that begins, x and y."""
-        part, middle = c.part[i], np.array([c.x[i], c.y[i]])
+        part, x, y = int(c.part[i]), float(c.x[i]), float(c.y[i])
         # An ellipse's own reach is 2 sigmas, and perspective stretches it.
-        reach = 3.0 * np.sqrt([c.xx[i], c.yy[i]])
-        size = (self.widths[part], self.heights[part])
-        x0, y0 = np.maximum(np.floor(middle - reach), 0.0).astype(int)
-        x1, y1 = np.minimum(np.ceil(middle + reach) + 1, size).astype(int)
-        top = self._tops[part]
-        return self._dark[top + y0 : top + y1, x0 + 1 : x1 + 1], int(x0), int(y0)
+        across, down = 3.0 * math.sqrt(c.xx[i]), 3.0 * math.sqrt(c.yy[i])
+        x0, x1 = max(math.floor(x - across), 0), min(math.ceil(x + across) + 1, self.widths[part])
+        y0, y1 = max(math.floor(y - down), 0), min(math.ceil(y + down) + 1, self.heights[part])
+        top = int(self._tops[part])
+        return self._dark[top + y0 : top + y1, x0 + 1 : x1 + 1], x0, y0
 
 
 def _picked(good: Mask, of: NDArray[np.signedinteger]) -> tuple[Indices, Indices, Indices]:

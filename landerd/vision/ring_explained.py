@@ -566,7 +566,7 @@ def _ring_fit(
         outside=outside,
         noise=e.noise_px,
         cost=edge_cost(e.residual, noise_px, e.dependence),
-        inliers=min(e.support),
+        explained=lambda: min(e.support),
         uncertainty=lambda: (covariance, sigma_tilt),
         inflation=inflation,
         ratio=ring.inner_ratio,

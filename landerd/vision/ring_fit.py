@@ -88,7 +88,7 @@ class RingFit:
     outside: float
     noise: float  # robust sigma of the residuals, grey levels
     cost: float  # robust sum of squared residuals over noise^2
-    inliers: float  # share of pixels that the model explains to a tenth of the contrast
+    explained: Callable[[], float]  # returns `inliers`: computed on demand
     # Returns the covariance of the position (3, 3), m^2, and sigma of the tilt, rad: computed on
     # demand, as most fits' are never asked for.
     uncertainty: Callable[[], tuple[F64, float]]
@@ -111,6 +111,11 @@ class RingFit:
     def covariance(self) -> F64:
         """Of the position, (3, 3), m^2."""
         return self.inflation * self._uncertainty[0]
+
+    @cached_property
+    def inliers(self) -> float:
+        """Share of pixels that the model explains to a tenth of the contrast."""
+        return self.explained()
 
     @cached_property
     def coherent(self) -> float:
@@ -415,7 +420,9 @@ def _ring_fit(
         outside=outside,
         noise=float(equations.noise[k]),
         cost=cost,
-        inliers=_inliers(model.pixels, equations.residual[k], min(inside, outside) - black),
+        explained=partial(
+            _inliers, model.pixels, equations.residual[k], min(inside, outside) - black
+        ),
         uncertainty=uncertainty,
         ratio=ratio + off,
         sigma_ratio=sigma_off,

@@ -12,6 +12,7 @@ from landerd.vision.linear import solved
 from landerd.vision.pose import Pose
 
 _MAX_STEPS = 8  # of Gauss-Newton
+_NO_LENS = np.eye(3)
 _BEFORE = np.array([3, 0, 1, 2])  # index of the corner before each of the four
 
 
@@ -62,13 +63,10 @@ def planar_poses(rays: F64, size: float) -> list[tuple[Pose, float]]:
         rays: of the corners on z = 1, (4, 2), top left first, clockwise as printed.
         size: edge of the square, m.
     """
-    points = square_points(size)
+    points = np.zeros((4, 3))
+    points[:, :2] = square_points(size)
     count, rvecs, tvecs, errors = cv2.solvePnPGeneric(
-        np.column_stack([points, np.zeros(4)]),
-        rays.reshape(-1, 1, 2),
-        np.eye(3),
-        None,
-        flags=cv2.SOLVEPNP_IPPE,
+        points, rays.reshape(-1, 1, 2), _NO_LENS, None, flags=cv2.SOLVEPNP_IPPE
     )
     poses = []
     for i in range(count):
@@ -97,7 +95,7 @@ def ray_derivative(points: F64, pose: Pose) -> F64:
 
     The points (n, 2) are given on the marker's axes (north, east; m).
     """
-    return _residual(np.zeros_like(points), points, pose)[1]
+    return _predicted(points, pose)[1]
 
 
 def _refined(rays: F64, points: F64, pose: Pose, sigma: float) -> Pose | None:
@@ -123,10 +121,16 @@ def _refined(rays: F64, points: F64, pose: Pose, sigma: float) -> Pose | None:
 
 def _residual(rays: F64, points: F64, pose: Pose) -> tuple[F64, F64]:
     """Return the residuals of rays (2n,) and the derivative of their prediction (2n, 6)."""
+    predicted, J = _predicted(points, pose)
+    return (rays - predicted.T).reshape(-1), J
+
+
+def _predicted(points: F64, pose: Pose) -> tuple[F64, F64]:
+    """Return the rays (2, n) of points (n, 2) on z = 1, and their derivative (2n, 6)."""
     arms = points @ pose.R[:, :2].T
     p = arms + pose.t
     inverse_z = 1.0 / p[:, 2]
-    x, y = p[:, 0] * inverse_z, p[:, 1] * inverse_z
+    x, y = rays = p[:, :2].T * inverse_z
     n = len(points)
     J = np.zeros((n, 2, 6))
     J[:, 0, 0] = J[:, 1, 1] = inverse_z
@@ -136,4 +140,4 @@ def _residual(rays: F64, points: F64, pose: Pose) -> tuple[F64, F64]:
     a, b, c = arms.T * inverse_z
     J[:, 0, 3], J[:, 0, 4], J[:, 0, 5] = -b * x, c + a * x, -b
     J[:, 1, 3], J[:, 1, 4], J[:, 1, 5] = -b * y - c, a * y, a
-    return (rays - np.column_stack([x, y])).reshape(-1), J.reshape(-1, 6)
+    return rays, J.reshape(-1, 6)

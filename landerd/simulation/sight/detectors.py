@@ -339,7 +339,7 @@ class ModelledDetectors:
             outside=0.0,
             noise=0.0,
             cost=pose.cost,
-            inliers=1.0,
+            explained=lambda: 1.0,
             uncertainty=lambda: (of_position, sigma_tilt),
             ratio=1.0,
             sigma_ratio=0.0,
