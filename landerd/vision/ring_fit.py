@@ -98,7 +98,7 @@ class RingFit:
     residual: F32 | None = None  # (n,), grey levels
     response: F64 | None = None  # the camera's, see `ring_response`; None: not fitted
     # `ring_residuals.coherent_residual`, computed on demand: a clear ring's is not asked for.
-    coherence: Callable[[], float] = lambda: math.inf
+    coherence: Callable[["RingFit"], float] = lambda _: math.inf
     stage: str = GREY  # fitted to grey levels; EDGES: to the places of the edges alone
     inflation: float = 1.0  # factor on the covariance, for errors that pixels have in common
 
@@ -120,7 +120,7 @@ class RingFit:
     @cached_property
     def coherent(self) -> float:
         """Sigma of what neighbouring pixels' residuals have in common, over the contrast."""
-        return self.coherence()
+        return self.coherence(self)
 
     @cached_property
     def sigma_tilt(self) -> float:
@@ -178,6 +178,7 @@ def fit_ring(
     steps: int,
     motion_px: Sequence[F64] | None = None,
     response: F64 | None = None,
+    coherence: Callable[[RingFit], float] = lambda _: math.inf,
 ) -> list[RingFit]:
     """Return the fits from starts within about two pixels, best first; failed ones are left out.
 
@@ -190,6 +191,7 @@ def fit_ring(
         motion_px: path (2,) of the image during exposure to start from, one for each start; None:
             the image stands still.
         response: the camera's response (3,) to start from; None: it is linear and not fitted.
+        coherence: see `RingFit`.
     """
     model = RingModel(pixels, starts[0][0], ring, motion_px, has_response=response is not None)
     black, white = _levels(pixels.grey)
@@ -200,7 +202,7 @@ def fit_ring(
         estimate.parameters[:, RESPONSE] = response
     prior = _prior(model.rows - 1, max(white, _LEAST_WHITE), model.is_moving, model.has_response)
     equations = _descended(model, prior, estimate, steps)
-    return [] if equations is None else _ring_fits(model, estimate, equations)
+    return [] if equations is None else _ring_fits(model, estimate, equations, coherence)
 
 
 def _descended(
@@ -364,7 +366,12 @@ def _is_open(
     return bool(still_open)
 
 
-def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquations) -> list[RingFit]:
+def _ring_fits(
+    model: RingModel,
+    estimate: _Estimate,
+    equations: _NormalEquations,
+    coherence: Callable[[RingFit], float],
+) -> list[RingFit]:
     """Return the fits, best first, without those of too oblique views or without information.
 
     Pixels hold none if all have one grey level, as below the cut of a broken picture, or are
@@ -374,7 +381,7 @@ def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquation
     robust = _ROBUST_SIGMAS * _ROBUST_SIGMAS * model.pixels.weight * u / (1.0 + u)
     costs = robust.sum(axis=1) * (noise / noise.min()) ** 2
     fits = [
-        _ring_fit(model, estimate, equations, k, float(costs[k]))
+        _ring_fit(model, estimate, equations, k, float(costs[k]), coherence)
         for k, (t, normal) in enumerate(zip(estimate.t, estimate.normal, strict=True))
         if dot(normal, t) > _MIN_COS * math.hypot(*t) and float(equations.products[k, -1, -1]) > 0.0
     ]
@@ -382,7 +389,12 @@ def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquation
 
 
 def _ring_fit(
-    model: RingModel, estimate: _Estimate, equations: _NormalEquations, k: int, cost: float
+    model: RingModel,
+    estimate: _Estimate,
+    equations: _NormalEquations,
+    k: int,
+    cost: float,
+    coherence: Callable[[RingFit], float],
 ) -> RingFit:
     """Return the fit from start k, with its quality."""
     t, parameters, radius = np.array(estimate.t[k]), estimate.parameters[k], model.ring.radius_m
@@ -429,6 +441,7 @@ def _ring_fit(
         residual=equations.residual[k],
         response=response,
         response_chi2=chi2,
+        coherence=coherence,
     )
 
 

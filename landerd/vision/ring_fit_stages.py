@@ -8,7 +8,6 @@ checks of `ring_checks`.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
 
 import numpy as np
 
@@ -270,12 +269,16 @@ def _fits(
     pixels = pixels_near(image, camera, starts[0], ring, band_px, effort.pixels, supersample=True)
     if pixels is None:
         return []
-    fits = fit_ring(pixels, starts, ring, blur_px, effort.steps, response=response)
-    if not fits or not is_dark_in_white(fits[0]):
+
+    def coherence(fit: RingFit) -> float:
+        return coherent_residual(pixels, fit, ring) if is_dark_in_white(fit) else math.inf
+
+    fits = fit_ring(
+        pixels, starts, ring, blur_px, effort.steps, response=response, coherence=coherence
+    )
+    if response is None or not fits or not is_dark_in_white(fits[0]):
         return fits
-    coherence = cache(partial(coherent_residual, pixels, fits[0], ring))
-    fits = [replace(f, coherence=coherence) for f in fits]
-    return [f if f.response is None else _inflated(f, f.coherent) for f in fits]
+    return [_inflated(f, fits[0].coherent) for f in fits]
 
 
 def _inflated(fit: RingFit, coherent: float) -> RingFit:
