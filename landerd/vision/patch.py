@@ -229,7 +229,7 @@ def _lagrange(n: int) -> F64:
 
 def _normalised(x: F64) -> F64:
     """Return values (n,) less their mean, over their range."""
-    centred: F64 = (x - x.mean()) / max(float(x.max() - x.min()), 1e-9)
+    centred: F64 = (x - x.sum() / len(x)) / max(float(x.max() - x.min()), 1e-9)
     return centred
 
 

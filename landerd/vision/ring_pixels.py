@@ -114,7 +114,8 @@ def _weighted(
     g = PlaneView(v, focal, *pose_axes(pose))
     d_o, d_i = ((g.rho[0] - r) / g.scale[0] for r in _radii(ring))
     # Share of a pixel's light that comes from beyond the white margin, where anything may lie.
-    beyond, _ = blurred_step((d_o - MARGIN * ring.radius_m / g.scale[0]) / max(0.7, band_px / 3.0))
+    z = (d_o - MARGIN * ring.radius_m / g.scale[0]) / max(0.7, band_px / 3.0)
+    beyond = _normal_cdf(z, z * z)
     weight: F32 = 1.0 / (1.0 + (_SURROUNDINGS_SIGMAS * beyond) ** 2)
     is_near = (d_o < band_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px))
     return np.flatnonzero(is_near & (weight > _MIN_WEIGHT)), weight
@@ -298,16 +299,22 @@ def blurred_step(z: F32) -> tuple[F32, F32]:
     That is a step blurred by a Gaussian, `z` sigmas from it, and its derivative.
     """
     square = z * z
+    cdf = _normal_cdf(z, square)
+    square *= _MINUS_HALF
+    density: F32 = np.exp(square, out=square)
+    density *= _DENSITY
+    return cdf, density
+
+
+def _normal_cdf(z: F32, square: F32) -> F32:
+    """Return the first of `blurred_step`, given the square of z too."""
     cdf: F32 = square * _CUBIC
     cdf += _SLOPE
     cdf *= z
     np.tanh(cdf, out=cdf)
     cdf *= _HALF
     cdf += _HALF
-    square *= _MINUS_HALF
-    density: F32 = np.exp(square, out=square)
-    density *= _DENSITY
-    return cdf, density
+    return cdf
 
 
 def shifted(pixels: Pixels, shift_px: F64) -> F32:

@@ -370,16 +370,22 @@ class Search:
                 for s in self._layout.squares
                 if s.size_m == size
             )
-            # Outer ends of a square at each heading, and a circle that encloses it at all of them.
-            ends = about.points((0.0, 0.0), circle(reach + 0.5 * size, _HEADINGS))
+            # A circle that encloses a square at all headings, and its outer ends at each.
             points = about.points((0.0, 0.0), circle(reach + 0.75 * size))
-            assert ends is not None
+            ends = about.points((0.0, 0.0), circle(reach + 0.5 * size, _HEADINGS))
             assert points is not None
-            if not is_any_in_picture(self._camera, ends):
-                continue
+            assert ends is not None
             window = self._window(points, about, _ROUND_MARGIN)
-            found += self._detected(image, window, size, position, normal)
+            if self._is_whole(window) or is_any_in_picture(self._camera, ends):
+                found += self._detected(image, window, size, position, normal)
         return found
+
+    def _is_whole(self, window: Window | None) -> bool:
+        """Tell whether a window about something is not cut by the picture's edge."""
+        if window is None:
+            return False
+        x0, y0, x1, y1 = window
+        return min(x0, y0) > 0 and x1 < self._camera.width and y1 < self._camera.height
 
     def _detected(
         self, image: Image, window: Window | None, size: float, position: F64, normal: F64
