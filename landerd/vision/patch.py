@@ -243,7 +243,8 @@ def levels_at(image: Image, camera: CameraModel, points: F64) -> F64:
     h, w = image.shape
     is_seen &= (x >= 0.0) & (x <= w - 1) & (y >= 0.0) & (y <= h - 1)
     at = np.ascontiguousarray(px.T, dtype=np.float32)
-    at[:, ~is_seen] = 0.0
+    unseen = np.flatnonzero(~is_seen)
+    at[:, unseen] = 0.0
     levels: F64 = cv2.remap(image, at[:1], at[1:], cv2.INTER_LINEAR)[0].astype(np.float64)
-    levels[~is_seen] = np.nan
+    levels[unseen] = np.nan
     return levels

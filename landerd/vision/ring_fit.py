@@ -283,7 +283,9 @@ def _normal_equations(
     noise = np.maximum(SIGMA_PER_MAD * _middle(residual, model.is_told), _MIN_NOISE)
     u = residual * (1.0 / (_ROBUST_SIGMAS * noise))[:, None]
     u *= u
-    robust = weight / (1.0 + u) ** 2
+    robust = 1.0 + u
+    robust *= robust
+    np.divide(weight, robust, out=robust)
     if model.is_told is not None:
         robust *= model.is_told
     products = ((J * robust[:, None]) @ J.transpose(0, 2, 1)).astype(np.float64)

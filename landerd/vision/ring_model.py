@@ -103,8 +103,9 @@ class RingModel:
         """
         v, parts, spread = self._sampled(parameters, supersampled)
         g = PlaneView(v, self.pixels.focal, t, axes)
-        blur = np.sqrt(np.maximum(parameters[:, BLUR] - spread**2, MIN_BLUR_PX**2))
-        s = blur.astype(np.float32)[:, None, None]
+        least = MIN_BLUR_PX**2
+        blur = [math.sqrt(max(b - spread**2, least)) for b in parameters[:, BLUR].tolist()]
+        s = np.array(blur, dtype=np.float32)[:, None, None]
         d, shift = self._distances(g, supersampled)
         p = parameters.astype(np.float32)
         shape = _joined(self._shape(g, d, shift, s, p), parts)

@@ -433,6 +433,8 @@ def _spokes(
         seen, mosaic.grey(part, np.where(seen, rows, 0), np.where(seen, columns, 0)), np.nan
     )
     enough = inside.sum(axis=1) >= _MIN_SPOKES
+    if enough.all():
+        return _judged(levels, inside)
     judged = np.zeros((4, len(centre)))
     if enough.any():
         judged[:, enough] = _judged(levels[enough], inside[enough])

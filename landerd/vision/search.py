@@ -370,14 +370,17 @@ class Search:
                 for s in self._layout.squares
                 if s.size_m == size
             )
-            # A circle that encloses a square at all headings, and its outer ends at each.
+            # A circle that encloses a square at all headings.
             points = about.points((0.0, 0.0), circle(reach + 0.75 * size))
-            ends = about.points((0.0, 0.0), circle(reach + 0.5 * size, _HEADINGS))
             assert points is not None
-            assert ends is not None
             window = self._window(points, about, _ROUND_MARGIN)
-            if self._is_whole(window) or is_any_in_picture(self._camera, ends):
-                found += self._detected(image, window, size, position, normal)
+            if not self._is_whole(window):
+                # Its outer ends at each heading.
+                ends = about.points((0.0, 0.0), circle(reach + 0.5 * size, _HEADINGS))
+                assert ends is not None
+                if not is_any_in_picture(self._camera, ends):
+                    continue
+            found += self._detected(image, window, size, position, normal)
         return found
 
     def _is_whole(self, window: Window | None) -> bool:
