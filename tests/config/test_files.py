@@ -129,7 +129,7 @@ def test_numbers_whose_squares_and_quotients_would_end_a_flight_are_refused(
     folder: Path, text: str, found: str
 ) -> None:
     assert faults(write(folder / "a.yaml", text)) == [
-        f"a.yaml:1: {found}, expected 0 or 1e-09 to 1e+06"
+        f"a.yaml:1: {found}, expected 0 or 1e-09 to 1e+07"
     ]
 
 
