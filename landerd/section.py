@@ -20,7 +20,7 @@ Angle = Annotated[float, Field(strict=True, ge=-360, le=360)]  # in degrees
 
 # Magnitudes of the numbers with a fraction that are taken, beside 0. Squares and quotients of
 # others end a flight: those of a gain of 1e-200 and of an angle of 1e200 did.
-LEAST, MOST = 1e-9, 1e7
+LEAST, MOST = 1e-9, 1e9
 
 T = TypeVar("T")
 

@@ -177,8 +177,10 @@ class EstimationSection(Section):
     """Noise the pad filter assumes."""
 
     pad_acceleration_mps2: Positive = 0.3  # process noise of a new pad; then it is adapted
-    gimbal_sigma_deg: NotNegative = 1.0  # slowly varying error of the lens's direction
-    bearing_noise_deg: NotNegative = 0.05  # noise of that direction from frame to frame
+    # slowly varying error of the lens's direction
+    gimbal_sigma_deg: Annotated[float, Field(ge=0, le=90)] = 1.0
+    # noise of that direction from frame to frame
+    bearing_noise_deg: Annotated[float, Field(ge=0, le=90)] = 0.05
     # jitter of the times of attitude and gimbal angles
     gimbal_late_s: Annotated[float, Field(ge=0, le=1)] = 0.002
     # error of the pictures' clock relative to the telemetry's

@@ -21,7 +21,7 @@ def mounting(**options: object) -> Mounting:
     pitch=st.floats(-1.5, 0.3),
     yaw_sign=st.sampled_from([1, -1]),
     pitch_sign=st.sampled_from([1, -1]),
-    zero=st.floats(-20.0, 20.0),
+    zero=st.floats(-20.0, 20.0).map(lambda degrees: round(degrees, 6)),
 )
 def test_an_order_passed_through_the_mounting_is_reported_unchanged(
     yaw: float, pitch: float, yaw_sign: int, pitch_sign: int, zero: float
