@@ -1347,7 +1347,7 @@ MUTANTS = [
     Mutant(
         "5: believes a velocity that jumps as none can",
         "landerd/estimation/camera_pose.py",
-        "self._doubts = norm(sub(new.velocity, moves)) > KNOCK_MPS",
+        "self._doubts = has_jumped and off_mps > KNOCK_MPS",
         "self._doubts = False",
         "estimation/test_camera_pose.py::"
         "test_a_velocity_that_the_positions_contradict_is_not_believed_however_long_it_is_told",

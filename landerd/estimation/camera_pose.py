@@ -19,6 +19,7 @@ from landerd.geometry import (
     add,
     camera_mount,
     euler_rates,
+    horizontal,
     matmul,
     norm,
     rot_zyx,
@@ -171,13 +172,15 @@ class PoseHistory:
             last: the one before, taken or not.
         """
         dt, before = new.t - last.t, self.position.just_before(new.t)
+        has_jumped = self._doubts  # also for longer than max_gap_s
         if before is not None:
             _, (_, _, _, u, v, w) = before
-            jump = norm(sub(new.velocity, (u, v, w)))
-            self._doubts = jump > KNOCK_MPS + FASTEST_MPS2 * dt
-        if self._doubts:  # also for longer than max_gap_s
-            moves = scale(sub(new.position, last.position), 1.0 / dt)
-            self._doubts = norm(sub(new.velocity, moves)) > KNOCK_MPS
+            has_jumped = norm(sub(new.velocity, (u, v, w))) > KNOCK_MPS + FASTEST_MPS2 * dt
+        moves = scale(sub(new.position, last.position), 1.0 / dt)
+        off = sub(new.velocity, moves)
+        # A climb rate that stays wrong is told as such: it is doubted once only.
+        off_mps = horizontal(off) if self._doubts else norm(off)
+        self._doubts = has_jumped and off_mps > KNOCK_MPS
         return self._doubts
 
     def _lagged(self, t: float, ordered: float, axis: int) -> float:

@@ -111,6 +111,16 @@ def test_a_velocity_that_the_positions_contradict_is_not_believed_however_long_i
         assert newest[0] == 1.0 + 0.02 * (9 if 10 <= i < 60 else i)
 
 
+def test_a_climb_rate_that_stays_wrong_is_dropped_once_and_then_told_as_wrong() -> None:
+    made = PoseHistory(AT_ORIGIN)
+    for i in range(20):
+        climbs = -2.5 if i >= 10 else 0.0
+        made.add(LocalPosition(1.0 + 0.02 * i, (0.0, 0.0, 0.0), (0.0, 0.0, climbs)))
+        newest = made.position.newest
+        assert newest is not None
+        assert newest[1][5] == (-2.5 if i >= 11 else 0.0)
+
+
 def test_a_hard_knock_is_no_jump() -> None:
     made = PoseHistory(AT_ORIGIN)
     assert told(made, [1.0, 1.0, 0.1], [3.12, 3.13, -3.12]) == (0.1, -3.12)
