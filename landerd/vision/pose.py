@@ -147,8 +147,8 @@ def rotation_from(normal: F64, north: F64 | None = None) -> F64:
     n, along = vec3(normal), vec3(north)
     off = dot(along, n)
     x, y, z = along[0] - off * n[0], along[1] - off * n[1], along[2] - off * n[2]
-    length = math.sqrt(x * x + y * y + z * z)
-    east = cross(n, first := (x / length, y / length, z / length))
+    size = math.sqrt(x * x + y * y + z * z)
+    east = cross(n, first := (x / size, y / size, z / size))
     return np.array([first, east, n]).T
 
 
