@@ -21,6 +21,9 @@ STREAMS_HZ = {
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 2.0,
 }
 _WINDOW_S = 1.0  # rates are measured over this long
+# A first request that is lost is noticed after this long, s: until RC is heard, no switch can be
+# seen to be low, and a pilot who raises it meanwhile has to lower it again.
+_FIRST_LOOK_S = 0.25
 _LEAST_SHARE = 0.75  # share of its rate below which a stream is asked for again
 
 
@@ -42,6 +45,7 @@ class Streams:
     def restart(self) -> None:
         """Ask for all streams again: the link or the autopilot is new."""
         self._window_start = -math.inf
+        self._first_look: float | None = None
 
     def received(self, message_id: int) -> None:
         """Count a message."""
@@ -51,7 +55,10 @@ class Streams:
         """Ask again for streams that are too slow; called often."""
         window = now - self._window_start
         if window < _WINDOW_S:
+            self._look_first(now)
             return
+        if math.isinf(window):
+            self._first_look = now + _FIRST_LOOK_S
         for message_id, wanted in self._wanted.items():
             # One message may have come just before or after the window.
             if self._received[message_id] + 1 < _LEAST_SHARE * wanted * window:
@@ -61,6 +68,15 @@ class Streams:
                 self._slow.discard(message_id)
         self._received.clear()
         self._window_start = now
+
+    def _look_first(self, now: float) -> None:
+        """Ask once more for streams of which nothing has come since all were asked for."""
+        if self._first_look is None or now < self._first_look:
+            return
+        self._first_look = None
+        for message_id, wanted in self._wanted.items():
+            if not self._received[message_id]:
+                self._ask(message_id, wanted)
 
     def _tell(self, message_id: int, rate: float, wanted: float) -> None:
         if math.isfinite(self._window_start) and message_id not in self._slow:

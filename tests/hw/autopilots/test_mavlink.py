@@ -260,6 +260,27 @@ def test_streams_that_stop_are_asked_for_again() -> None:
     fly(scene)
 
 
+def test_a_first_request_that_is_lost_is_repeated_before_a_pilot_acts() -> None:
+    """RC heard only after a second is a switch that was never seen low."""
+
+    async def main() -> None:
+        async with Flight() as f:
+            codec = MavlinkCodec(255, 190)
+            asked: list[float] = []
+
+            def lose_the_first(now: float, data: bytes) -> None:
+                requests = [m for m in codec.decode(data) if m.get_type() == "COMMAND_LONG"]
+                rc = any(m.param1 == mavlink.MAVLINK_MSG_ID_RC_CHANNELS for m in requests)
+                f.driver_link.faults.drop = 1.0 if rc and not asked else 0.0
+                asked.extend([now] * rc)
+
+            f.driver_link.tap = lose_the_first
+            await f.connect()
+            assert f.got(RcChannels)[0].t - asked[0] < 0.5
+
+    run_virtual(main())
+
+
 def test_a_stream_that_comes_too_slowly_is_asked_for_again_and_said_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
