@@ -14,11 +14,11 @@ correlation of levels it was two fifths, and none with a hard shadow across.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel, Window
 from landerd.geometry import Vec3
@@ -35,23 +35,13 @@ _LEAST_COS = 0.3  # of the angle between line of sight and gravity
 # Numbers of steps in which ellipses are made and cached: of the cosine, and of half a turn.
 _COSINES, _TURNS = 20, 24
 _POINTS = 120  # on either edge
+_REACH_PX = math.ceil(0.5 * _MATCHED_PX) + 2  # of a print about its middle
 DARK = 8.0  # grey levels, added before the logarithm: darker levels are only noise
 _LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(DARK))
 _FAINT = 0.08  # gradient that counts by half, of the logarithm, 1/px
 _LEAST_MATCH = 0.4  # mean cosine
 _SAME_PLACE = 0.4  # distance below which two places are one, a share of the smaller size
 _PEAK_PX = 7  # side of the surroundings in which only the best place counts
-
-
-@dataclass(frozen=True, slots=True)
-class _Print:
-    """The edges of a ring at one foreshortening: directions from black to white as two kernels.
-
-    Their lengths add up to 1.
-    """
-
-    x: F32  # (2 n + 1, 2 n + 1)
-    y: F32
 
 
 def matches(
@@ -137,52 +127,74 @@ def _of_size(
         return []
     interpolation = cv2.INTER_AREA if k > 1.0 else cv2.INTER_LINEAR
     small = cv2.resize(crop, (w, h), interpolation=interpolation)
-    across, along = _directions(np.asarray(small, dtype=np.uint8))
+    directions = _directions(np.asarray(small, dtype=np.uint8))
     found = []
+    n = _REACH_PX
     for (x0, y0, x1, y1), cosine, turn in shapes:
-        shape = _print(ratio, cosine, turn)
-        n = len(shape.x) // 2
         left, top = max(0, int(x0 * w) - n), max(0, int(y0 * h) - n)
-        part = slice(top, int(y1 * h) + n), slice(left, int(x1 * w) + n)
-        if min(across[part].shape) <= 2 * n + 1:
+        part = directions[top : int(y1 * h) + n, left : int(x1 * w) + n]
+        if min(part.shape[:2]) <= 2 * n + 1:
             continue
-        match = cv2.add(
-            cv2.matchTemplate(across[part], shape.x, cv2.TM_CCORR),
-            cv2.matchTemplate(along[part], shape.y, cv2.TM_CCORR),
-        )
-        peaks = (match == cv2.dilate(match, np.ones((_PEAK_PX, _PEAK_PX), np.uint8))) & (
-            match > _LEAST_MATCH
-        )
-        for y, x in zip(*np.nonzero(peaks), strict=True):
+        match = _correlated(part, ratio, cosine, turn)
+        if cv2.minMaxLoc(match)[1] <= _LEAST_MATCH:
+            continue
+        best = cv2.dilate(match, np.ones((_PEAK_PX, _PEAK_PX), np.uint8))
+        peaks = np.flatnonzero((match > _LEAST_MATCH) & (match == best))
+        for y, x in zip(*np.divmod(peaks, match.shape[1]), strict=True):
             at = (np.array((x + left + n, y + top + n)) + 0.5) * k - 0.5
             found.append((float(match[y, x]), size, at))
     return found
 
 
-def _directions(image: U8) -> tuple[F32, F32]:
-    """Return unit vectors from dark to bright, to the right and down, shorter where faint."""
+def _directions(image: U8) -> F32:
+    """Return unit vectors from dark to bright, right and down, shorter where faint, (h, w, 2)."""
     levels = cv2.LUT(image, _LOGARITHMS)
     x, y = (cv2.Scharr(levels, cv2.CV_32F, *way, scale=1.0 / 32.0) for way in ((1, 0), (0, 1)))
     length = cv2.magnitude(x, y) + np.float32(_FAINT)
-    return np.asarray(x / length, dtype=np.float32), np.asarray(y / length, dtype=np.float32)
+    return np.asarray(cv2.merge((cv2.divide(x, length), cv2.divide(y, length))), dtype=np.float32)
+
+
+def _correlated(part: F32, ratio: float, cosine: int, turn: int) -> F32:
+    """Return the mean cosine with a print at each place of a part where it is wholly inside.
+
+    By Fourier transforms of complex numbers, right the real and down the imaginary part: the real
+    part of directions by the print's conjugate is the sum of both products.
+    """
+    h, w = part.shape[:2]
+    rows, columns = (cv2.getOptimalDFTSize(n) for n in (h, w))
+    product = _spectrum(part, rows, columns)
+    product *= _spectrum(_print(ratio, cosine, turn), rows, columns).conj()
+    match = cv2.idft(product.view(np.float32), flags=cv2.DFT_SCALE)
+    inside = match[: h - 2 * _REACH_PX, : w - 2 * _REACH_PX]
+    return np.asarray(cv2.extractChannel(inside, 0), dtype=np.float32)
+
+
+def _spectrum(directions: F32, rows: int, columns: int) -> NDArray[np.complex64]:
+    """Return the Fourier transform of directions (h, w, 2), padded to rows and columns."""
+    h, w = directions.shape[:2]
+    padded = cv2.copyMakeBorder(directions, 0, rows - h, 0, columns - w, cv2.BORDER_CONSTANT)
+    return np.asarray(cv2.dft(padded), dtype=np.float32).view(np.complex64)
 
 
 @lru_cache(maxsize=512)
-def _print(ratio: float, cosine: int, turn: int) -> _Print:
-    """Return the print of a ring of a ratio at a foreshortening given in steps."""
-    n = math.ceil(0.5 * _MATCHED_PX) + 2
+def _print(ratio: float, cosine: int, turn: int) -> F32:
+    """Return the edges of a ring of a ratio at a foreshortening given in steps.
+
+    Directions from black to white, right and down, (2 n + 1, 2 n + 1, 2); their lengths add up to
+    1.
+    """
+    n = _REACH_PX
     R = rotation_2d(math.pi * turn / _TURNS)
     foreshortened = np.array([(cosine / _COSINES,), (1.0,)])
     around = circle(1.0, _POINTS).T
     outwards = R @ (around / foreshortened)  # as long as the edge from point to point
-    x, y = np.zeros((2, 2 * n + 1, 2 * n + 1))
+    edges = np.zeros((2 * n + 1, 2 * n + 1, 2))
     for share, sign in ((1.0, 1.0), (ratio, -1.0)):
         at = R @ (around * foreshortened) * (0.5 * share * _MATCHED_PX) + n
         corner = np.floor(at).astype(int)
         for step in ((0, 0), (1, 0), (0, 1), (1, 1)):
             near = corner + np.array(step)[:, None]
             weights = sign * share * np.prod(1.0 - np.abs(at - near), axis=0)
-            np.add.at(x, (near[1], near[0]), weights * outwards[0])
-            np.add.at(y, (near[1], near[0]), weights * outwards[1])
+            np.add.at(edges, (near[1], near[0]), (weights * outwards).T)
     total = (1.0 + ratio) * float(np.hypot(*outwards).sum())
-    return _Print((x / total).astype(np.float32), (y / total).astype(np.float32))
+    return (edges / total).astype(np.float32)
