@@ -68,7 +68,8 @@ def matches(
     part = Window(0, 0, w, h) if window is None else window.within(w, h)
     crop = image[part.y0 : part.y1, part.x0 : part.x1]
     shapes = _shapes(camera, part, np.array(down), 1 if window is not None else _PARTS)
-    found = [m for size in sizes for m in _of_size(crop, ring.inner_ratio, size, shapes)]
+    crops = _halvings(crop, max(sizes) / _MATCHED_PX)
+    found = [m for size in sizes for m in _of_size(crops, ring.inner_ratio, size, shapes)]
     kept: list[tuple[float, float, F64]] = []
     for one in sorted(found, key=lambda m: -m[0]):
         if len(kept) == most:
@@ -114,19 +115,38 @@ def _shapes(
     ]
 
 
+def _halvings(image: U8, most: float) -> list[U8]:
+    """Return an image and what is left of it after each halving, reduced by no more than `most`.
+
+    Reducing the last of these that is still larger takes a tenth of the time of reducing the image
+    itself by the mean of areas, and shows as many rings.
+    """
+    made = [image]
+    for _ in range(int(math.log2(max(most, 1.0)))):
+        h, w = (n // 2 * 2 for n in made[-1].shape)
+        if min(h, w) < 2:
+            break
+        half = cv2.resize(made[-1][:h, :w], (w // 2, h // 2), interpolation=cv2.INTER_AREA)
+        made.append(np.asarray(half, dtype=np.uint8))
+    return made
+
+
 def _of_size(
-    crop: U8,
+    crops: Sequence[U8],
     ratio: float,
     size: float,
     shapes: list[tuple[tuple[float, float, float, float], int, int]],
 ) -> list[tuple[float, float, F64]]:
-    """Return mean cosine, size and place (2,), px of the crop, of all local maxima at a size."""
+    """Return mean cosine, size and place (2,), px of the crop, of all local maxima at a size.
+
+    `crops` are the crop and what is left of it after each halving.
+    """
     k = size / _MATCHED_PX
-    h, w = (round(n / k) for n in crop.shape)
+    h, w = (round(n / k) for n in crops[0].shape)
     if min(h, w) < 1:
         return []
-    interpolation = cv2.INTER_AREA if k > 1.0 else cv2.INTER_LINEAR
-    small = cv2.resize(crop, (w, h), interpolation=interpolation)
+    halvings = min(len(crops) - 1, int(math.log2(max(k, 1.0))))
+    small = cv2.resize(crops[halvings], (w, h), interpolation=cv2.INTER_LINEAR)
     directions = _directions(np.asarray(small, dtype=np.uint8))
     found = []
     n = _REACH_PX
