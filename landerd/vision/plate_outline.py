@@ -247,14 +247,17 @@ def plate_corners(plate: Plate) -> F64:
 
 
 def along(corners: F64, per_side: int) -> tuple[F64, F64]:
-    """Return places along a polygon's sides, and the unit vectors out of it there, (n, 2) each."""
-    middle = corners.mean(axis=0)
+    """Return places along the sides of polygons, and the unit vectors out of them there.
+
+    Each is (..., corners * per_side, 2) for corners (..., corners, 2).
+    """
+    sides = np.concatenate([corners[..., 1:, :], corners[..., :1, :]], axis=-2) - corners
+    x, y = np.moveaxis(sides / np.sqrt((sides * sides).sum(axis=-1))[..., None], -1, 0)
+    out = np.stack([-y, x], axis=-1)
+    from_middle = corners - corners.mean(axis=-2)[..., None, :]
+    out *= np.sign((out * from_middle).sum(axis=-1))[..., None]
     shares = (np.arange(per_side) + 0.5)[:, None] / per_side
-    places, ways = [], []
-    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        along = (end - start) / np.linalg.norm(end - start)
-        out = np.array([-along[1], along[0]])
-        out = out * np.sign(out @ (start - middle))
-        places.append(start + shares * (end - start))
-        ways.append(np.tile(out, (per_side, 1)))
-    return np.concatenate(places), np.concatenate(ways)
+    places = corners[..., None, :] + shares * sides[..., None, :]
+    ways = np.broadcast_to(out[..., None, :], places.shape)
+    flat = (*corners.shape[:-2], -1, 2)
+    return places.reshape(flat), ways.reshape(flat)

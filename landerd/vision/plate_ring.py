@@ -110,8 +110,9 @@ class PlateRing:
         """
         normal = np.array(down)
         axes = rotation_from(normal)[:, :2]
-        sizes = [t / size for size in _SIZES]
-        likest = max(sizes, key=lambda at: self._correlation(self._levels(image, camera, at, axes)))
+        centres = t / np.array(_SIZES)[:, None]
+        of_sizes = self._levels(image, camera, centres[:, None], axes).reshape(len(_SIZES), -1)
+        likest = centres[int(np.argmax([self._correlation(levels) for levels in of_sizes]))]
         seen, _ = self._heading.ways(image, camera, likest, axes)
         k = int(np.argmax(seen))
         if seen[k] < _LEAST_ROUGH:
@@ -129,8 +130,12 @@ class PlateRing:
         return self._sighting(camera, at, axes, fit.covariance)
 
     def _levels(self, image: Image, camera: CameraModel, at: F64, axes: F64) -> F64:
-        """Return logarithms of levels (circles * rays,) about a centre; NaN out of the picture."""
-        levels: F64 = np.log(levels_at(image, camera, at + self._points @ axes.T) + DARK)
+        """Return logarithms of levels about centres (..., 3), one after another, (n,).
+
+        Each has circles * rays of them, NaN out of the picture.
+        """
+        points = (at + self._points @ axes.T).reshape(-1, 3)
+        levels: F64 = np.log(levels_at(image, camera, points) + DARK)
         return levels
 
     def _correlation(self, levels: F64) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from landerd.camera_model import F64, CameraModel
 from landerd.pad import PadLayout, Ring
-from landerd.vision.arrays import U8
+from landerd.vision.arrays import U8, Mask
 from landerd.vision.edge_profile import is_step
 from landerd.vision.patch import levels_at
 from landerd.vision.plate_outline import along, plate_corners
@@ -92,22 +92,22 @@ class PlateSearch:
         """
         quads = [q for level in levels for way in _WAYS for q in _quads(level, *way)]
         straightest = sorted(quads, key=lambda found: -found[0])[:_MOST_QUADS]
-        likest, best = 0.0, None
-        for _, outline in straightest:
-            corners = _on_steps(image, outline)
-            if corners is None or not _is_outlined(image, corners):
-                continue
-            for R, t in self._poses(camera, corners):
-                share = self._share_seen(image, camera, R, t)
-                if share > likest:
-                    likest, best = share, (t + R[:, :2] @ self._centre, R[:, 2])
-        return best
+        if not straightest:
+            return None
+        corners = _on_steps(image, np.array([outline for _, outline in straightest]))
+        corners = corners[_are_outlined(image, corners)]
+        poses = [pose for outline in corners for pose in self._poses(camera, outline)]
+        if not poses:
+            return None
+        shares = self._shares_seen(image, camera, poses)
+        likest = int(np.argmax(shares))
+        R, t = poses[likest]
+        return (t + R[:, :2] @ self._centre, R[:, 2]) if shares[likest] > 0.0 else None
 
     def _poses(self, camera: CameraModel, corners: F64) -> list[tuple[F64, F64]]:
         """Return the poses (R, t) of the plate for corners (4, 2), px, either way round."""
         rays = camera.rays(corners)
-        sides = np.diff(rays, axis=0)
-        if not _is_clockwise(sides):
+        if not _are_clockwise(np.diff(rays, axis=0)):
             rays, corners = rays[::-1], corners[::-1]
         most_off = (_MOST_OFF * shortest_side(corners) + _MOST_OFF_PX) / camera.fx
         poses = []
@@ -122,60 +122,71 @@ class PlateSearch:
                     poses.append((R, t))
         return poses
 
-    def _share_seen(self, image: U8, camera: CameraModel, R: F64, t: F64) -> float:
-        """Return the product of the shares of plate's and ring's edges seen; 0: too few."""
-        levels = levels_at(image, camera, t + self._points @ R[:, :2].T)
-        brighter, darker = levels.reshape(2, -1)
-        steps = is_step(darker, brighter)
-        plate = steps[: self._on_ring].mean()
-        hole, white = steps[self._on_ring :].reshape(2, -1).mean(axis=1)
-        if plate < _LEAST_PLATE or min(hole, white) < _LEAST_RING:
-            return 0.0
-        return float(plate * hole * white)
+    def _shares_seen(self, image: U8, camera: CameraModel, poses: list[tuple[F64, F64]]) -> F64:
+        """Return for each pose the product of the shares of plate's and ring's edges seen.
+
+        0: too few.
+        """
+        points = np.concatenate([t + self._points @ R[:, :2].T for R, t in poses])
+        levels = levels_at(image, camera, points).reshape(len(poses), 2, -1)
+        steps = is_step(levels[:, 1], levels[:, 0])
+        plate = steps[:, : self._on_ring].mean(axis=1)
+        hole, white = steps[:, self._on_ring :].reshape(len(poses), 2, -1).mean(axis=2).T
+        is_seen = (plate >= _LEAST_PLATE) & (np.minimum(hole, white) >= _LEAST_RING)
+        return np.where(is_seen, plate * hole * white, 0.0)
 
 
-def _on_steps(image: U8, corners: F64) -> F64 | None:
-    """Return the corners (4, 2) moved so that sides lie where white ends.
+def _on_steps(image: U8, corners: F64) -> F64:
+    """Return the corners (n, 4, 2) moved so that sides lie where white ends.
 
-    None: along a side it does not end, or a corner moves too far.
+    Left out are those with a side along which it does not end, or a corner that moves too far.
     """
     moved = corners
     for _ in range(_ROUNDS):
-        lines = _side_lines(image, moved)
-        if lines is None:
-            return None
-        (a, b, c), (d, e, f) = lines[_BEFORE].T, lines.T
-        crossed = np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)
+        lines, has_ends = _side_lines(image, moved)
+        corners = corners[has_ends]
+        (a, b, c), (d, e, f) = (np.moveaxis(x, 2, 0) for x in (lines[:, _BEFORE], lines))
+        crossed = np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=2)
         with np.errstate(divide="ignore", invalid="ignore"):
-            moved = crossed[:, :2] / crossed[:, 2:]
-        if not (np.abs(moved - corners) < _MOST_MOVED_PX).all():
-            return None
+            moved = crossed[..., :2] / crossed[..., 2:]
+        is_near = (np.abs(moved - corners) < _MOST_MOVED_PX).all(axis=(1, 2))
+        corners, moved = corners[is_near], moved[is_near]
     return moved
 
 
-def _side_lines(image: U8, corners: F64) -> F64 | None:
-    """Return homogeneous lines (4, 3) where white ends near each side; None: one has no end."""
-    sides = corners[_NEXT] - corners
-    lengths = np.hypot(*sides.T)
-    if lengths.min() < _SHORTEST_SIDE_PX:
-        return None
-    out = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / lengths[:, None]
-    out *= 1.0 if _is_clockwise(sides) else -1.0
-    across = np.minimum(1.0, lengths / _FULL_SIDE_PX)[:, None] * _ACROSS
-    places = corners[:, None] + _ALONG[:, None] * sides[:, None]
-    at = places[:, :, None] + across[:, None, :, None] * out[:, None, None]
-    x, y = at.astype(np.float32).reshape(-1, len(_ACROSS), 2).transpose(2, 0, 1)
+def _side_lines(image: U8, corners: F64) -> tuple[F64, Mask]:
+    """Return homogeneous lines (m, 4, 3) where white ends near each side of corners (n, 4, 2).
+
+    Only of those m of the n for which it ends along all sides; a mask (n,) tells which these are.
+    """
+    sides = corners[:, _NEXT] - corners
+    lengths = np.hypot(sides[..., 0], sides[..., 1])
+    has_ends = lengths.min(axis=1) >= _SHORTEST_SIDE_PX
+    if not has_ends.any():
+        return np.empty((0, 4, 3)), has_ends
+    corners, sides, lengths = corners[has_ends], sides[has_ends], lengths[has_ends]
+    out = np.stack([sides[..., 1], -sides[..., 0]], axis=2) / lengths[..., None]
+    out *= np.where(_are_clockwise(sides), 1.0, -1.0)[:, None, None]
+    across = np.minimum(1.0, lengths / _FULL_SIDE_PX)[..., None] * _ACROSS
+    places = corners[:, :, None] + _ALONG[:, None] * sides[:, :, None]
+    at = places[:, :, :, None] + across[:, :, None, :, None] * out[:, :, None, None]
+    x, y = np.moveaxis(at.reshape(-1, len(_ACROSS), 2), 2, 0).astype(np.float32)
     grey = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    levels = grey.reshape(at.shape[:3]).astype(np.float64)
+    levels = grey.reshape(at.shape[:4]).astype(np.float64)
     falls = np.maximum(levels[..., :-1] - levels[..., 1:], 0.0) ** 2
-    weight = falls.sum(axis=2)
-    between = 0.5 * (across[:, :-1] + across[:, 1:])
-    off = (falls * between[:, None]).sum(axis=2) / np.maximum(weight, 1e-6)
+    weight = falls.sum(axis=3)
+    between = 0.5 * (across[..., :-1] + across[..., 1:])
+    off = (falls * between[:, :, None]).sum(axis=3) / np.maximum(weight, 1e-6)
     is_step = weight > _LEAST_FALL**2
-    if is_step.sum(axis=1).min() < _LEAST_PLACES:
-        return None
-    ends = places + off[..., None] * out[:, None]
-    return np.stack([_line(p[seen]) for p, seen in zip(ends, is_step, strict=True)])
+    is_told = is_step.sum(axis=2).min(axis=1) >= _LEAST_PLACES
+    ends = (places + off[..., None] * out[:, :, None])[is_told]
+    has_ends[has_ends] = is_told
+    lines = [
+        _line(p[seen])
+        for of_sides, are_seen in zip(ends, is_step[is_told], strict=True)
+        for p, seen in zip(of_sides, are_seen, strict=True)
+    ]
+    return np.array(lines).reshape(-1, 4, 3), has_ends
 
 
 def _line(points: F64) -> F64:
@@ -185,24 +196,29 @@ def _line(points: F64) -> F64:
     return np.array([-dy, dx, dy * x - dx * y])
 
 
-def _is_clockwise(sides: F64) -> bool:
-    """Tell whether a convex outline runs clockwise in the image, by its first two sides (2, 2)."""
-    return bool(sides[0, 0] * sides[1, 1] >= sides[0, 1] * sides[1, 0])
+def _are_clockwise(sides: F64) -> Mask:
+    """Tell which convex outlines run clockwise in the image, by their sides (..., 2 or more, 2)."""
+    first, second = sides[..., 0, :], sides[..., 1, :]
+    are_clockwise: Mask = first[..., 0] * second[..., 1] >= first[..., 1] * second[..., 0]
+    return are_clockwise
 
 
-def _is_outlined(image: U8, corners: F64) -> bool:
-    """Tell whether steps are seen along enough of the four sides.
+def _are_outlined(image: U8, corners: F64) -> Mask:
+    """Tell for which corners (n, 4, 2) steps are seen along enough of the four sides.
 
     Asked before poses are computed, which takes several times as long.
     """
-    sides = corners[_NEXT] - corners
-    reach = _BESIDE_SIDE * float(np.hypot(*sides.T).min())
+    if not len(corners):
+        return np.zeros(0, np.bool_)
+    sides = corners[:, _NEXT] - corners
+    reach = _BESIDE_SIDE * np.hypot(sides[..., 0], sides[..., 1]).min(axis=1)[:, None, None]
     places, ways = along(corners, _PER_SIDE)
-    at = np.concatenate([places - reach * ways, places + reach * ways]).astype(np.float32)
-    border = cv2.BORDER_REPLICATE
-    grey = cv2.remap(image, at[:, 0], at[:, 1], cv2.INTER_LINEAR, borderMode=border)
-    brighter, darker = grey.reshape(2, -1).astype(np.float64)
-    return float(is_step(darker, brighter).mean()) > _LEAST_OUTLINED
+    at = np.stack([places - reach * ways, places + reach * ways])
+    x, y = np.moveaxis(at.reshape(-1, 4 * _PER_SIDE, 2), 2, 0).astype(np.float32)
+    grey = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    brighter, darker = grey.reshape(2, -1, 4 * _PER_SIDE).astype(np.float64)
+    steps = is_step(darker, brighter)
+    return np.asarray(steps.mean(axis=1) > _LEAST_OUTLINED)
 
 
 def _quads(level: Level, around_px: int, factor: float) -> list[tuple[float, F64]]:

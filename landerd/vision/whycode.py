@@ -414,7 +414,7 @@ def _alike(
         return None
     light = np.log(level + _DARK)
     differences, first = _differences(light)
-    turned = np.stack([np.roll(differences, -n) for n in range(code.bits)])
+    turned = _turned(differences, code.bits)
     agreement = np.where(bits_of(code), -turned, turned) / float(np.ptp(light))
     mean = agreement.mean(axis=1)
     n = int(np.argmax(mean))
@@ -457,10 +457,17 @@ def _differences(level: NDArray[np.floating]) -> tuple[F64, int]:
     Args:
         level: along the band, (bits * _SAMPLES_PER_BIT,).
     """
-    turned = np.stack([np.roll(level, -s) for s in range(_SAMPLES_PER_BIT)])
+    turned = _turned(level, _SAMPLES_PER_BIT)
     differences: F64 = -(turned.reshape(_SAMPLES_PER_BIT, -1, _SAMPLES_PER_BIT) @ _HALVES)
     first = int(np.argmax(np.abs(differences).sum(axis=1)))
     return differences[first], first
+
+
+def _turned(values: NDArray[np.floating], turns: int) -> NDArray[np.floating]:
+    """Return values (n,) round a circle as they begin at the first, second, ... one, (turns, n)."""
+    n = len(values)
+    turned: NDArray[np.floating] = values[(np.arange(turns)[:, None] + np.arange(n)) % n]
+    return turned
 
 
 def _whole_band(
