@@ -140,7 +140,11 @@ def _ways_in_whole(search: RingSearch, parts: list[Level], work: RingWork) -> It
     if work.part in (Part.WHOLE, Part.REST, Part.BROKEN):
         yield any(search.find_cut(level, _WIDE) for level in _coarse(parts))
     if work.part in (Part.WHOLE, Part.PLATE):
-        yield search.find_on_plate(parts[:-1] if work.is_spread else parts)
+        # The finest level by itself: the areas tried are those with the straightest sides, and its
+        # texture has straighter ones than a plate in shade and dirt, which the others show better.
+        yield search.find_on_plate(parts[:-1] or parts)
+        if not work.is_spread:
+            yield search.find_on_plate(parts[1:][-1:])
     if work.part in (Part.WHOLE, Part.MATCH):
         yield search.find_matched(_MATCHED[::2])
     if work.part in (Part.WHOLE, Part.MATCH_BETWEEN):
