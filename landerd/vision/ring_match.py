@@ -32,8 +32,10 @@ SMALLEST_PX, STEP, SIZES = 18.0, 1.22, 9
 _MATCHED_PX = 15.0  # longer diameter in the image as it is reduced for a size
 _PARTS = 4  # of the image in either direction: within one, foreshortening is taken to be the same
 _LEAST_COS = 0.3  # of the angle between line of sight and gravity
-# Numbers of steps in which ellipses are made and cached: of the cosine, and of half a turn.
+# Numbers of steps in which ellipses are made: of the cosine, and of half a turn.
 _COSINES, _TURNS = 20, 24
+# How many ellipses are kept: those of all sizes and parts of an image, 7 MB at 640x480.
+_KEPT_PRINTS = SIZES * _PARTS**2
 _POINTS = 120  # on either edge
 _REACH_PX = math.ceil(0.5 * _MATCHED_PX) + 2  # of a print about its middle
 DARK = 8.0  # grey levels, added before the logarithm: darker levels are only noise
@@ -152,10 +154,10 @@ def _of_size(
     n = _REACH_PX
     for (x0, y0, x1, y1), cosine, turn in shapes:
         left, top = max(0, int(x0 * w) - n), max(0, int(y0 * h) - n)
-        part = directions[top : int(y1 * h) + n, left : int(x1 * w) + n]
-        if min(part.shape[:2]) <= 2 * n + 1:
+        columns, rows = min(w, int(x1 * w) + n) - left, min(h, int(y1 * h) + n) - top
+        if min(rows, columns) <= 2 * n + 1:
             continue
-        match = _correlated(part, ratio, cosine, turn)
+        match = _correlated(directions[top:, left:], (rows, columns), ratio, cosine, turn)
         if cv2.minMaxLoc(match)[1] <= _LEAST_MATCH:
             continue
         best = cv2.dilate(match, np.ones((_PEAK_PX, _PEAK_PX), np.uint8))
@@ -174,29 +176,48 @@ def _directions(image: U8) -> F32:
     return np.asarray(cv2.merge((cv2.divide(x, length), cv2.divide(y, length))), dtype=np.float32)
 
 
-def _correlated(part: F32, ratio: float, cosine: int, turn: int) -> F32:
-    """Return the mean cosine with a print at each place of a part where it is wholly inside.
+def _correlated(
+    directions: F32, shape: tuple[int, int], ratio: float, cosine: int, turn: int
+) -> F32:
+    """Return the mean cosine with a print at each place where that is wholly inside a part.
 
     By Fourier transforms of complex numbers, right the real and down the imaginary part: the real
     part of directions by the print's conjugate is the sum of both products.
+
+    Args:
+        directions: in the image from the part's first row and column on.
+        shape: rows and columns of the part.
+        ratio: inner over outer diameter of the ring.
+        cosine: of its foreshortening, in steps.
+        turn: direction of that, in steps.
     """
-    h, w = part.shape[:2]
-    rows, columns = (cv2.getOptimalDFTSize(n) for n in (h, w))
-    product = _spectrum(part, rows, columns)
-    product *= _spectrum(_print(ratio, cosine, turn), rows, columns).conj()
+    rows, columns = (cv2.getOptimalDFTSize(n) for n in shape)
+    product = _spectrum(directions[:rows, :columns], rows, columns)
+    product *= _print_spectrum(ratio, cosine, turn, rows, columns)
     match = cv2.idft(product.view(np.float32), flags=cv2.DFT_SCALE)
-    inside = match[: h - 2 * _REACH_PX, : w - 2 * _REACH_PX]
+    inside = match[: shape[0] - 2 * _REACH_PX, : shape[1] - 2 * _REACH_PX]
     return np.asarray(cv2.extractChannel(inside, 0), dtype=np.float32)
 
 
 def _spectrum(directions: F32, rows: int, columns: int) -> NDArray[np.complex64]:
     """Return the Fourier transform of directions (h, w, 2), padded to rows and columns."""
     h, w = directions.shape[:2]
-    padded = cv2.copyMakeBorder(directions, 0, rows - h, 0, columns - w, cv2.BORDER_CONSTANT)
-    return np.asarray(cv2.dft(padded), dtype=np.float32).view(np.complex64)
+    if (h, w) != (rows, columns):
+        bottom, right = rows - h, columns - w
+        directions = np.asarray(
+            cv2.copyMakeBorder(directions, 0, bottom, 0, right, cv2.BORDER_CONSTANT), np.float32
+        )
+    return np.asarray(cv2.dft(directions), dtype=np.float32).view(np.complex64)
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=_KEPT_PRINTS)
+def _print_spectrum(
+    ratio: float, cosine: int, turn: int, rows: int, columns: int
+) -> NDArray[np.complex64]:
+    """Return the conjugate of the Fourier transform of `_print`, padded to rows and columns."""
+    return _spectrum(_print(ratio, cosine, turn), rows, columns).conj()
+
+
 def _print(ratio: float, cosine: int, turn: int) -> F32:
     """Return the edges of a ring of a ratio at a foreshortening given in steps.
 
