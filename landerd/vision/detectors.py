@@ -31,7 +31,7 @@ from landerd.vision.pyramid import is_blank
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_search import Beside, Refusal
 from landerd.vision.ring_work import RingWork
-from landerd.vision.square import MIN_SIDE_PX, FoundSquare, SquareFinder, is_textured, printed_cells
+from landerd.vision.square import MIN_SIDE_PX, FoundSquare, SquareFinder, printed_cells
 from landerd.vision.square_beside import SquareBeside
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
@@ -270,7 +270,7 @@ class PixelDetectors:
 
     def is_textured(self, image: Image) -> bool:
         """See `square.is_textured`."""
-        return is_textured(image)
+        return self._squares.is_textured(image)
 
     def squares_beside(
         self, image: Image, ring: Ring, sighting: MarkerSighting

@@ -102,6 +102,7 @@ class SquareFinder:
         """Prepare a detector for each dictionary of the pad."""
         self._count = len(layout.squares)
         self._whole_searches = 0
+        self._textured: tuple[Image, bool] | None = None  # see `is_textured`
         # For each dictionary: a detector of the pad's ids, the pad's squares, and the order that
         # turns OpenCV's corners into that of the marker's makers.
         self._detectors: list[tuple[cv2.aruco.ArucoDetector, list[Square], list[int]]] = []
@@ -116,6 +117,14 @@ class SquareFinder:
             first = [(corner - _turns(name)) % 4 for corner in range(4)]
             self._detectors.append((cv2.aruco.ArucoDetector(known), squares, first))
             self._whole[name] = cv2.aruco.ArucoDetector(whole), {s.id for s in squares}
+
+    def is_textured(self, image: Image) -> bool:
+        """See `is_textured`.
+
+        Kept for the search of the same image that may follow, as it takes a tenth of that.
+        """
+        self._textured = image, is_textured(image)
+        return self._textured[1]
 
     def find(
         self,
@@ -213,7 +222,10 @@ class SquareFinder:
         )
         means_px, cell_px = _EVEN_LIGHT_MEANS_PX, _EVEN_LIGHT_CELL_PX
         others.append(_Look(whole, 1.0, means_px, cell_px, _WHOLE_CELL, _EVEN_LIGHT_PX))
-        is_even = not is_textured(image)
+        kept, self._textured = self._textured, None
+        if kept is None or kept[0] is not image:
+            kept = image, is_textured(image)
+        is_even = not kept[1]
         wholes = others if is_even else [first, *others]
         turn, is_quarter = divmod(search, 2)
         in_turn = _quarter(whole, turn) if is_quarter else wholes[turn % len(wholes)]
