@@ -1,5 +1,7 @@
 """The pad under the vehicle: its height, speed and heave, also once out of sight or touched."""
 
+import math
+
 from landerd.config.models import GuidanceSection
 from landerd.estimation.estimator import Estimator
 from landerd.geometry import ZERO, horizontal, sub, turned
@@ -17,6 +19,11 @@ STOPS_OVER_PAD_M = 0.10  # height at the end of a stop at which a foot of a lean
 # A vehicle that stands and is slower than the pad was by this, m/s, has slid off, or its pad has
 # braked: the pad is looked for and followed again.
 LEFT_BEHIND_MPS = 1.5
+# With feet on it the pad is taken to drive as it is seen to once that has differed from its known
+# velocity by this, m/s, for this long, s: the touch turns the airframe faster than the lens's
+# direction is known. A pad sped up to 2 m/s just before the touch, at which the filter said 2.3 m/s
+# for a moment: the vehicle was kept at that for as long as the pad slid under it.
+DIFFERS_MPS, DIFFERS_S = 0.25, 0.3
 
 
 class PadBelow:
@@ -46,6 +53,7 @@ class PadBelow:
         self.velocity = ZERO
         self._known_velocity = ZERO  # of the pad by sight before contact, turned on, m/s
         self._course_rate = 0.0  # at which that turns, rad/s
+        self._differs_since = math.inf  # since when it has been seen to drive otherwise, s
         self.fastest_heave = 0.0
         self._seen = 0.0, 0.0  # when the pad was last in sight, s, and its local z then, m
 
@@ -120,11 +128,13 @@ class PadBelow:
     def touch(self, now: float) -> None:
         """Begin to follow the pad at time now (s), with its velocity as known at the touch."""
         self._known_velocity = self.velocity
+        self._differs_since = math.inf
         self._slip.begin(now)
 
     def ride(self, now: float, dt: float) -> None:
         """Follow the pad: as it drove and turned when last seen, or as the vehicle it carries."""
         self._known_velocity = turned(self._known_velocity, self._course_rate * dt)
+        self._correct_by_sight(now)
         fix, vehicle = self._estimator.last_fix, self._estimator.fresh_vehicle(now)
         is_new = fix is not None and self._slip.look(fix, self._known_velocity)
         if fix is not None and is_new:
@@ -135,6 +145,18 @@ class PadBelow:
         elif vehicle is not None:  # else the last velocity stands: the known one has proved wrong
             north, east, _ = vehicle.velocity
             self.velocity = (north, east, self._known_velocity[2])
+
+    def _correct_by_sight(self, now: float) -> None:
+        """Take the pad's horizontal velocity from sight where it differs from the known one."""
+        pad = self._estimator.pad(now)
+        if pad is None or self._estimator.sight_age(now) > self._options.lost.after_s:
+            self._differs_since = math.inf
+            return
+        differs = horizontal(sub(pad.velocity, self._known_velocity)) > DIFFERS_MPS
+        self._differs_since = min(self._differs_since, now) if differs else math.inf
+        if now - self._differs_since >= DIFFERS_S:
+            north, east, _ = pad.velocity
+            self._known_velocity = (north, east, self._known_velocity[2])
 
     @property
     def rise_m(self) -> float:

@@ -200,6 +200,7 @@ STILL = ContactMotion(
     sink_rate=0.0,
     slip=0.0,
     lean=0.0,
+    tilts_more=0.0,
     roll_pitch_rate=0.0,
     pad_speed=0.0,
     heave=0.0,
@@ -319,6 +320,24 @@ def test_a_vehicle_that_the_pad_tips_over_is_levelled_before_it_stands_still() -
     standing = Standing()
     assert not any(standing.level(0.25, roll_pitch_rate=0.8, tips=True))
     assert all(standing.level(0.5, roll_pitch_rate=0.8, tips=True)[4:])
+
+
+def test_a_vehicle_that_leans_ever_more_where_it_stands_is_levelled() -> None:
+    """Once, it rose over its rear feet for 1.5 s before the latest time, and tipped over."""
+    standing = Standing()
+
+    def leans(seconds: float, slip: float = 0.0, lean: float = 0.2, more: float = 0.1) -> bool:
+        due = standing.level(seconds, slip=slip, lean=lean, tilts_more=more, roll_pitch_rate=0.5)
+        return due[-1]
+
+    assert not leans(0.25)  # it rocks as it touches
+    assert leans(0.2)
+    standing = Standing()
+    assert not leans(2.4, more=0.0)  # it leaned as much in the air
+    standing = Standing()
+    assert not leans(2.4, slip=0.5)  # the edge slides
+    standing = Standing()
+    assert not leans(2.4, lean=0.05)  # it lies on a plate that slopes
 
 
 def test_released_it_is_left_level_as_soon_as_on_ground_is_reported() -> None:

@@ -97,6 +97,27 @@ def test_defects_found_by_faults_and_mended_break_no_rule_any_more(
     assert broken(simulation) == []
 
 
+# A pad of 1 m/s against the wind: the vehicle leans by 25 degrees as it touches.
+AGAINST_WIND = (MODELLED, "sim.wind.speed_mps=8", "sim.pad.speed_mps=1", "sim.start.altitude_m=3.5")
+
+
+def test_a_pad_that_speeds_up_before_the_touch_is_gone_with_as_it_is_seen_to_drive() -> None:
+    fault = "sim.faults=[{fault: pad-starts, at: {height_m: 0.19}, severity: 0.2}]"
+    settings = [*AGAINST_WIND, "sim.start.position_m=[-3.0, 1.0]", fault]
+    simulation = fly(overrides=settings, longest_s=25.0, seed=4)
+    assert simulation.daemon.lander.outcome == "landed_off_pad"  # it slides off within 0.5 s
+    assert broken(simulation) == []
+
+
+def test_a_vehicle_that_stood_there_while_nothing_could_be_sent_does_not_tip_over() -> None:
+    fault = "sim.faults=[{fault: sending-raises, at: {height_m: 0.25}, for_s: 2.4}]"
+    settings = [*START, *AGAINST_WIND[1:3], fault]
+    simulation = fly(overrides=settings, longest_s=25.0, seed=2)
+    assert simulation.score.landed
+    assert simulation.daemon.lander.outcome == "landed"
+    assert broken(simulation) == []
+
+
 @pytest.mark.parametrize("height_m", [2.5, 2.9])
 def test_messages_that_arrived_during_a_stall_are_read_before_the_next_decision(
     height_m: float,
