@@ -79,6 +79,9 @@ PAD_SPEED_ERROR_SHARE = 0.05  # share of a fast pad's speed that may be an error
 MAX_ROLL_PITCH_RATE = 0.3  # rad/s: in a faster turn one foot may be down, but not all
 # Sinking since it lies flat, m: on an air cushion a vehicle sinks slower than 0.1 m/s, but sinks.
 SETTLES_M = 0.01
+# Longest that it is then taken to settle on, s: slower than 0.04 m/s no air cushion lets it down.
+# Without this, vehicles were levelled 0.45 s after the real touch.
+MOST_SETTLING_S = 0.25
 # A levelled vehicle that sinks gets its thrust back unless it comes down from a rebound: slower
 # than the first, m/s, and with its feet no lower than the second, m, under where something held it
 # up. One that leaned against 8 m/s rebounded by 1 cm as it fell onto all feet: levelled there, and
@@ -196,6 +199,7 @@ class Touchdown:
         self._lies_since = math.inf  # since when it has lain on the plate, by its attitude, s
         self._flat_since = math.inf  # since when it has not turned or settled either, s
         self._flat_at = (0.0, 0.0)  # local z of feet and pad at that time, m
+        self._settled_s = 0.0  # how long it took to settle by SETTLES_M before that, s
         self._still_since = math.inf  # since when it has not slid either, s
         # Lowest place of the feet, over the pad's local z, where something held it up, m.
         self._held_down = -math.inf
@@ -425,7 +429,7 @@ class Touchdown:
         stands = self._stands_still(now) or tips_over or (released and confirmed)
         is_time = (
             tips_over
-            or (stands and (released or now - self._still_since >= LEVEL_STILL_S))
+            or (stands and (released or self._has_stood_still(now)))
             or self._slides_flat(now, motion, released=released)
             or self._is_dragged(now, motion)
             or self._pressed_s(now) > LEVEL_AT_LATEST_S
@@ -487,6 +491,13 @@ class Touchdown:
         """Tell whether it has neither turned, nor settled, nor slid for STILL_S."""
         return self._pressed_s(now) > LEVEL_AFTER_S and now - self._still_since >= STILL_S
 
+    def _has_stood_still(self, now: float) -> bool:
+        """Tell whether it has stood still for LEVEL_STILL_S since it certainly settled no more.
+
+        It may have settled by almost as much again, and as slowly.
+        """
+        return now - self._still_since >= LEVEL_STILL_S + self._settled_s
+
     def _slides_flat(self, now: float, motion: ContactMotion, *, released: bool) -> bool:
         """Tell whether it lies flat but slides, and will not stop while it has thrust."""
         will_slide = self.leaned or released
@@ -508,6 +519,7 @@ class Touchdown:
         if not (motion.roll_pitch_rate < MAX_ROLL_PITCH_RATE and is_pressed):
             self._flat_since = math.inf
         elif self._flat_since == math.inf or self._has_settled_by(down) > SETTLES_M:
+            self._settled_s = min(max(0.0, now - self._flat_since), MOST_SETTLING_S)
             self._flat_since, self._flat_at = now, down
         if motion.slip < MAX_SLIP_MPS + motion.slip_error:
             self._still_since = max(self._flat_since, min(self._still_since, now))

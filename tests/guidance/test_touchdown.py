@@ -451,6 +451,16 @@ def test_standing_still_counts_from_the_real_touch_and_not_from_a_false_contact(
     assert all(standing.level(0.5)[6:])
 
 
+def test_a_vehicle_that_settles_slowly_to_the_end_has_stood_still_for_as_long_all_the_same() -> (
+    None
+):
+    """Once, the last centimetre on a strong air cushion counted: it was levelled 0.1 s too soon."""
+    standing = Standing()
+    standing.level(0.425, sinks=0.07, sink_rate=0.07)
+    assert not any(standing.level(0.5))
+    assert all(standing.level(0.5)[6:])
+
+
 def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time() -> None:
     touchdown = make_touchdown()
     touchdown.begin(0.0)
