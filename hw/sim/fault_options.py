@@ -68,6 +68,8 @@ _LED_AWAY = ("tipped over in the hands of others",)
 _GOES_BY_WRONG_VELOCITIES = ("4: not going with",)
 # landerd may not fly: the autopilot stops a vehicle that has come down on a driving pad.
 _LEFT_THERE = ("tipped over",)
+# Its successor is latched, and may not fly at once.
+_KILLED = (*_SILENT, *_LEFT_THERE)
 # A gust accelerates the airframe at once, whatever is ordered.
 _BLOWN = ("accelerates more than the limits",)
 
@@ -229,7 +231,7 @@ FAULTS: Mapping[str, FaultKind] = {
     ),
     "sigterm": FaultKind("computer", "the service is told to stop", ends=False, lands=False),
     "sigint": FaultKind("computer", "Ctrl-C", ends=False, lands=False),
-    "killed": FaultKind("computer", "kill -9; systemd starts it again", False, _SILENT),
+    "killed": FaultKind("computer", "kill -9; systemd starts it again", False, _KILLED),
     # -- air ---------------------------------------------------------------------------------------
     "gust": FaultKind("air", "3 to 12 m/s more wind from anywhere", True, _BLOWN, in_sitl=False),
     "ground-effect": FaultKind("air", "the ground adds 10 to 50 % to the thrust", in_sitl=False),

@@ -183,6 +183,8 @@ def test_an_error_of_heading_by_a_slipping_gimbal_is_not_blamed_on_landerd() -> 
     for fault in ("gimbal-offset", "gimbal-slipping"):
         assert any(off.startswith(words) for words in FAULTS[fault].excuses)
     assert not FAULTS["gimbal-stuck"].excuses
+    # A killed landerd is succeeded by one that is latched, and may not take it off a driving pad.
+    assert any("tipped over 30 degrees".startswith(words) for words in FAULTS["killed"].excuses)
 
 
 def test_the_acceleration_by_a_gust_is_not_blamed_on_landerd() -> None:
