@@ -304,7 +304,7 @@ MUTANTS = [
     Mutant(
         "4: stands level as soon as it touches",
         TOUCHDOWN,
-        "stands and (released or now - self._still_since >= LEVEL_STILL_S)",
+        "stands and (released or self._has_stood_still(now))",
         "self._pressed_s(now) > 0.0",
         "test_4_without_on_ground_it_keeps_pressing_and_tells_the_pilot",
     ),
@@ -912,6 +912,30 @@ MUTANTS = [
         "if not self._slip.is_carried or vehicle is None:",
         "guidance/test_landing.py"
         "::test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on",
+    ),
+    Mutant(
+        "4: drives on as the pad was taken to at the touch, whatever is seen of it",
+        BELOW,
+        "if now - self._differs_since >= DIFFERS_S:",
+        "if now - self._differs_since >= math.inf:",
+        "guidance/test_pad_below.py"
+        "::test_a_pad_that_is_seen_to_drive_otherwise_after_the_touch_is_gone_with",
+    ),
+    Mutant(
+        "4: is not levelled as it tips over where it stands",
+        TOUCHDOWN,
+        "tips = tips or _tips_where_it_stands(motion)",
+        "tips = tips",
+        "guidance/test_touchdown.py"
+        "::test_a_vehicle_that_leans_ever_more_where_it_stands_is_levelled",
+    ),
+    Mutant(
+        "4: the last of a slow settling counts as standing",
+        TOUCHDOWN,
+        "LEVEL_STILL_S + self._settled_s",
+        "LEVEL_STILL_S",
+        "guidance/test_touchdown.py"
+        "::test_a_vehicle_that_settles_slowly_to_the_end_has_stood_still_for_as_long_all_the_same",
     ),
     Mutant(
         "4: told to climb while it stands on one foot",
