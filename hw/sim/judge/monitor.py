@@ -99,6 +99,7 @@ class SafetyMonitor:
         self._taken_over_mps = math.inf  # the least since then; 0: it was within the limits
         self._touched_t = self._set_down_t = -math.inf  # a foot down, last and after a flight
         self._leant_deg = 0.0  # in the air, last
+        self._has_tipped = False  # it leans as one that tips over, and who did that is known
         self._promise: tuple[float, Promise] | None = None  # until when, what
         world.on_step.append(self._on_step)
 
@@ -197,7 +198,9 @@ class SafetyMonitor:
     def _watch_tilt(self, t: float, tilt: float) -> None:
         tilt_deg = math.degrees(tilt)
         self.worst.tilt_deg = max(self.worst.tilt_deg, tilt_deg)
-        if tilt_deg > max(TIPS_DEG, self._leant_deg + TIPS_ON_DEG):
+        tipped_before = self._has_tipped
+        self._has_tipped = tilt_deg > max(TIPS_DEG, self._leant_deg + TIPS_ON_DEG)
+        if self._has_tipped and not tipped_before:  # whoever flies it while it lies there
             by_others = t - self._ours_t > OTHERS_S
             by_others |= self._set_down_t - self._ours_t > OTHERS_AIRBORNE_S
             self._find(t, TIPPED_BY_OTHERS if by_others else f"tipped over {TIPS_DEG:g} degrees")

@@ -111,6 +111,18 @@ def test_a_vehicle_that_others_set_down_on_a_driving_pad_is_not_blamed_on_lander
     assert "tipped over 30 degrees" not in watched.found
 
 
+def test_a_vehicle_that_lies_there_as_landerd_takes_it_back_was_tipped_over_by_others() -> None:
+    watched = Watched(pad={"speed_mps": 8.0}).order((8.0, 0.0, 0.0), 5.0)
+    while not all(watched.world.vehicle.feet):
+        watched.order((8.0, 0.0, 0.3), 0.025)
+    watched.flies = False
+    watched.order((8.0, 0.0, 0.3), 1.1, told=False).order((0.0, 0.0, 0.6), 2.0, told=False)
+    watched.flies = True
+    watched.order((0.0, 0.0, 0.3), 0.5)
+    assert "tipped over in the hands of others" in watched.found
+    assert "tipped over 30 degrees" not in watched.found
+
+
 def test_a_vehicle_handed_over_while_it_tips_is_blamed_on_landerd() -> None:
     watched = Watched(pad={"speed_mps": 8.0}).order((0.0, 0.0, 0.6), 0.5)
     vehicle = watched.world.vehicle
