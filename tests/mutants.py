@@ -495,7 +495,7 @@ MUTANTS = [
     Mutant(
         "4: level without thrust while it rises",
         TOUCHDOWN,
-        "if self._lifts(motion) and (self._level or not tips):",
+        "if self._lifts(now, motion) and (self._level or not tips):",
         "if False:",
         "guidance/test_landing.py::test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling",
     ),
@@ -509,7 +509,7 @@ MUTANTS = [
     Mutant(
         "4: levelled while it rises from the pad",
         TOUCHDOWN,
-        "if self._lifts(motion) and (self._level or not tips):",
+        "if self._lifts(now, motion) and (self._level or not tips):",
         "if self._lifts(motion) and self._level:",
         "guidance/test_touchdown.py"
         "::test_a_vehicle_that_rises_gently_as_its_thrust_comes_back_is_not_levelled_in_the_air",
@@ -936,6 +936,14 @@ MUTANTS = [
         "LEVEL_STILL_S",
         "guidance/test_touchdown.py"
         "::test_a_vehicle_that_settles_slowly_to_the_end_has_stood_still_for_as_long_all_the_same",
+    ),
+    Mutant(
+        "4: gives thrust again on a pad that is lifted",
+        TOUCHDOWN,
+        "return rises and now - self._level_since < THRUST_GONE_S",
+        "return rises",
+        "guidance/test_touchdown.py"
+        "::test_a_levelled_vehicle_goes_up_by_its_thrust_for_a_moment_and_later_with_its_pad",
     ),
     Mutant(
         "4: told to climb while it stands on one foot",

@@ -130,6 +130,9 @@ LIFTS_S = 0.15
 # did flies on: one of 1.5 m/s^3 that waved off as it touched rose so gently to 0.2 m that it seemed
 # to stand still, and was levelled there. Telemetry whose height alone is wrong does not show both.
 LIFTED_M, LIFTS_MPS = 0.08, 0.15
+# Levelled for longer than this, s, it has no thrust that could lift it: its pad is lifted. Given
+# thrust again on one that went up for 1.9 s it was not disarmed in time after ON_GROUND.
+THRUST_GONE_S = 0.6
 
 DISARM_EVERY_S = 0.5  # until the vehicle is disarmed: one command may be lost
 # Time from the first disarm command after which the autopilot counts as refusing it, s: it answers
@@ -209,6 +212,7 @@ class Touchdown:
         self._measured_mps = math.inf  # sink rate last measured before contact
         self._flew_t = -math.inf  # when it was last seen to sink as it would in the air, s
         self._level = self.stands = self.has_rested = False
+        self._level_since = math.inf  # since when it has been level without a break, s
         self._lowest_down = -math.inf  # lowest local z of a foot since contact, m
         self._tilt = 0.0  # largest since commit, rad
         self.turned_over = False
@@ -416,7 +420,7 @@ class Touchdown:
         """
         if self.turned_over:
             return True
-        if self._lifts(motion) and (self._level or not tips):
+        if self._lifts(now, motion) and (self._level or not tips):
             self.press(now)
         is_pressed = self._is_pressed(now, motion, ordered) or released
         if not is_pressed:
@@ -440,19 +444,21 @@ class Touchdown:
         sinks = self._sinks(now)
         begins = is_time and may_begin and not sinks
         self._level = begins or (self._level and (not sinks or self._rebounds(motion)))
+        self._level_since = min(self._level_since, now) if self._level else math.inf
         self.stands = stands or self._level or confirmed
         rests = motion.slip < MAX_SLIP_MPS + motion.slip_error
         self.has_rested = self.stands and (self.has_rested or rests)
         return self._level
 
-    def _lifts(self, motion: ContactMotion) -> bool:
-        """Tell whether it rises from its pad; called at each control step.
+    def _lifts(self, now: float, motion: ContactMotion) -> bool:
+        """Tell whether its thrust lifts it from its pad; called at each control step.
 
         Of one that tips about an edge the middle rises, but the foot on that edge does not.
         """
         self._lowest_down = max(self._lowest_down, motion.foot_down)
         risen_m = self._lowest_down - motion.foot_down
-        return risen_m > LIFTED_M and -motion.sink_rate > LIFTS_MPS + motion.fastest_heave
+        rises = risen_m > LIFTED_M and -motion.sink_rate > LIFTS_MPS + motion.fastest_heave
+        return rises and now - self._level_since < THRUST_GONE_S
 
     def _is_pressed(self, now: float, motion: ContactMotion, ordered: float) -> bool:
         """Tell whether something holds the vehicle up; called once at each control step.

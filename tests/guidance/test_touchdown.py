@@ -255,6 +255,17 @@ def test_a_vehicle_that_rises_gently_as_its_thrust_comes_back_is_not_levelled_in
     assert not any(standing.level(0.2, sinks=-0.1, sink_rate=-0.1))
 
 
+def test_a_levelled_vehicle_goes_up_by_its_thrust_for_a_moment_and_later_with_its_pad() -> None:
+    """Once, a pad that was lifted gave it thrust again, and it was not disarmed for two seconds."""
+    standing = Standing()
+    assert standing.level(0.75)[-1]
+    assert not standing.level(0.3, sinks=-0.5, sink_rate=-0.5)[-1]  # its thrust came back just then
+    standing = Standing()
+    assert standing.level(1.5)[-1]
+    assert all(standing.level(1.9, sinks=-0.5, sink_rate=-0.5, landed=Landed.ON_GROUND))
+    assert standing.touchdown.disarm_due(standing.t, Landed.ON_GROUND)
+
+
 def test_a_deck_that_heaves_carries_a_vehicle_up_and_it_is_levelled_all_the_same() -> None:
     standing = Standing()
     assert any(standing.level(1.0, sinks=-0.2, sink_rate=-0.2, heave=-0.2, fastest_heave=0.2))
