@@ -297,7 +297,7 @@ MUTANTS = [
     Mutant(
         "4: no descent ordered after contact",
         ON_PAD,
-        "orders.fly((north, east, down), 0.0, may_descend=True)",
+        "orders.fly((north, east, down if is_down else 0.0), 0.0, may_descend=is_down)",
         "orders.fly((north, east, 0.0), 0.0, may_descend=True)",
         "test_an_undisturbed_landing_breaks_no_rule_and_is_told",
     ),
@@ -510,7 +510,7 @@ MUTANTS = [
         "4: levelled while it rises from the pad",
         TOUCHDOWN,
         "if self._lifts(now, motion) and (self._level or not tips):",
-        "if self._lifts(motion) and self._level:",
+        "if self._lifts(now, motion) and self._level:",
         "guidance/test_touchdown.py"
         "::test_a_vehicle_that_rises_gently_as_its_thrust_comes_back_is_not_levelled_in_the_air",
     ),
@@ -944,6 +944,14 @@ MUTANTS = [
         "return rises",
         "guidance/test_touchdown.py"
         "::test_a_levelled_vehicle_goes_up_by_its_thrust_for_a_moment_and_later_with_its_pad",
+    ),
+    Mutant(
+        "5: told to descend on stale data until it touches",
+        COMMITTED,
+        "comes_s = LATE_S if self._touching is None else 0.0",
+        "comes_s = 0.0",
+        "guidance/test_landing.py"
+        "::test_committed_and_its_data_are_stale_before_the_touch_it_is_not_told_to_descend",
     ),
     Mutant(
         "4: told to climb while it stands on one foot",

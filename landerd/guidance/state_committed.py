@@ -21,7 +21,7 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.rest_detector import BUILD_ERROR_M
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
+from landerd.guidance.touchdown import LATE_S, MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # Slowest descent after commit, m/s, in local NED, even over a deck that rises: yielding to that
@@ -134,14 +134,20 @@ class Committed:
         Contact where a foot was touching, or will be down before thrust answers: vehicles that
         were told to climb then were dragged across the plate. Else sight is lost.
         """
+        comes_s = LATE_S if self._touching is None else 0.0
         self._touching = self._touching or self._arriving
-        return Event.CONTACT if self.takes_touch(now) else Event.SIGHT_LOST
+        return Event.CONTACT if self.takes_touch(now, comes_s) else Event.SIGHT_LOST
 
-    def takes_touch(self, now: float) -> bool:
-        """Take feet that may have been down in the last step for contact; tell whether."""
+    def takes_touch(self, now: float, comes_s: float = 0.0) -> bool:
+        """Take feet that may have been down in the last step for contact; tell whether.
+
+        Args:
+            now: s.
+            comes_s: time until they are down, s.
+        """
         if self._touching is None:
             return False
-        self._touchdown.touch(now)
+        self._touchdown.touch(now, comes_s)
         self._context.footprint.touch(*self._touching)
         return True
 

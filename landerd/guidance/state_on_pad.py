@@ -66,7 +66,11 @@ class OnPad:
             north, east, _ = context.below.velocity
             # Relative to a deck that sinks; a deck that rises presses by itself.
             down = self._touchdown.descent(0.0) + max(0.0, context.below.heave(now)[0])
-            orders.fly((north, east, down), 0.0, may_descend=True)
+            # On stale data no descent is ordered (rule 5), until what sinks on has touched.
+            is_down = (
+                self._touchdown.is_down(now) or context.estimator.fresh_vehicle(now) is not None
+            )
+            orders.fly((north, east, down if is_down else 0.0), 0.0, may_descend=is_down)
         return None
 
     def _is_clear(self, now: float) -> bool:

@@ -207,6 +207,7 @@ class Touchdown:
         # Lowest place of the feet, over the pad's local z, where something held it up, m.
         self._held_down = -math.inf
         self._contact_t: float | None = None
+        self._down_t = -math.inf  # from when on a foot is down, s
         # Time, s, and sink rate that the vehicle would have in the air at that time, m/s.
         self._in_air: tuple[float, float] | None = None
         self._measured_mps = math.inf  # sink rate last measured before contact
@@ -309,18 +310,26 @@ class Touchdown:
         """Whether contact has been noticed."""
         return self._contact_t is not None
 
-    def touch(self, t: float) -> None:
+    def touch(self, t: float, comes_s: float = 0.0) -> None:
         """Note contact at t (s), unless it was noted before.
 
         It may have been none: the vehicle is then known to have sunk in the air as slowly as
         measured, as far as the prediction may have been wrong.
+
+        Args:
+            t: s.
+            comes_s: time until a foot is down, s.
         """
         if self._contact_t is not None:
             return
-        self._contact_t = t
+        self._contact_t, self._down_t = t, t + comes_s
         if self._in_air is not None:
             at, in_air = self._in_air
             self._in_air = at, clamp(self._measured_mps, in_air - IN_AIR_ERROR_MPS, in_air)
+
+    def is_down(self, now: float) -> bool:
+        """Tell whether a foot is down after contact was noted, or only will be."""
+        return now >= self._down_t
 
     def press(self, t: float) -> None:
         """Note contact at t (s) anew: the vehicle is pressed down before it is levelled again."""

@@ -1076,8 +1076,23 @@ def test_committed_and_its_data_are_stale_as_it_touches_it_does_not_climb_again(
     flight.run(lasts_s)
     flight.silent = set()
     assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
-    assert all(setpoint.velocity[2] > 0.0 for _, setpoint in flight.setpoints[before:])
+    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[before:])
     assert flight.lander.outcome == "landed"
+
+
+def test_committed_and_its_data_are_stale_before_the_touch_it_is_not_told_to_descend() -> None:
+    """Once, it was: for the 0.1 s in which it sank onto the pad anyway."""
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.08:
+        flight.tick()
+    flight.silent = {Attitude, LocalPosition}
+    to(flight, State.ON_PAD, at_most_s=0.35)
+    begins = len(flight.setpoints) - 1
+    flight.run(0.15)
+    assert all(setpoint.velocity[2] == 0.0 for _, setpoint in flight.setpoints[begins:])
+    flight.run(0.15)
+    assert flight.setpoints[-1][1].velocity[2] > 0.0
 
 
 @pytest.mark.parametrize(("acceleration", "stays_s"), [(0.4, 0.4), (2.5, 2.5)])
