@@ -21,6 +21,9 @@ HOLD_TOLERANCE_M = 0.3
 # With a wrong climb rate the vehicle yields to a pad that seems to rise, fading out over this
 # height above the one to hold, m: where the vehicle does not really sink it would climb forever.
 GIVES_WAY_M = 1.0
+# Farther from the landing point than this, m, no plate is below the vehicle, nor will be before it
+# has climbed within the acceleration limits.
+NEAR_M = 3.0
 # Low over the pad without a position the vehicle climbs for this long, s: at
 # guidance.lost.climb_mps out of reach of a heaving deck. One that hovered 0.3 m over a deck was
 # struck by it.
@@ -148,7 +151,7 @@ class Tracking:
         may_descend = self._may_descend(step.now, sight, floor_m)
         # A foot of a leaning vehicle may all but touch, unless pictures show the pad elsewhere.
         seen_m = relative.height + context.estimator.inconsistency.off_m
-        if climbs and seen_m < o.descent.commit_height_m:
+        if climbs and seen_m < o.descent.commit_height_m and relative.distance < NEAR_M:
             # At the pad's velocity: a rising deck may touch the feet, and would drag them.
             north, east, _ = relative.pad_velocity
             context.orders.climb_away(north, east)

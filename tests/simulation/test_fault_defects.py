@@ -118,6 +118,23 @@ def test_a_vehicle_that_stood_there_while_nothing_could_be_sent_does_not_tip_ove
     assert broken(simulation) == []
 
 
+def test_a_vehicle_far_behind_its_pad_when_it_may_fly_again_climbs_within_the_limits() -> None:
+    """Stopped 0.2 m up while it was latched, it took the pad 5 m ahead for one below its feet."""
+    faults = (
+        "{fault: clock-back, at: {height_m: 0.31}, severity: 0.30}",
+        "{fault: gimbal-frozen, at: {height_m: 0.44}, for_s: 1.56, severity: 0.18}",
+    )
+    settings = [
+        MODELLED,
+        "sim.pilot=obeys",
+        "sim.pad.speed_mps=5.0",
+        f"sim.faults=[{', '.join(faults)}]",
+    ]
+    simulation = fly(overrides=settings, longest_s=18.0, seed=3035)
+    assert "climbing again" in " ".join(text for _, text in simulation.rules.texts)
+    assert broken(simulation) == []
+
+
 @pytest.mark.parametrize("height_m", [2.5, 2.9])
 def test_messages_that_arrived_during_a_stall_are_read_before_the_next_decision(
     height_m: float,
