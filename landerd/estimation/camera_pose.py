@@ -71,6 +71,7 @@ class CameraPose(NamedTuple):
 
     position: Vec3  # of the gimbal's pivot, taken for the camera's centre, m
     R_local_camera: Mat3
+    airframe: tuple[Mat3, float]  # see `PoseHistory.airframe`
 
 
 class PoseHistory:
@@ -270,7 +271,7 @@ class PoseHistory:
             return None
         origin = (position[0], position[1], position[2])
         pivot = add(origin, rotate(airframe[0], self._camera_offset))
-        return CameraPose(pivot, R_local_camera)
+        return CameraPose(pivot, R_local_camera, airframe)
 
     def feet(self, t: float) -> tuple[Vec3, Vec3] | None:
         """Return the centre of the feet and the vector from there to the camera at t (s), local, m.

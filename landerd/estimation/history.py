@@ -4,10 +4,10 @@ A picture is some 100 ms old when its markers are found; the attitude and gimbal
 to it are those at its exposure, not the newest ones.
 """
 
+import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
-from operator import sub
 
 from landerd.geometry import wrap
 
@@ -125,16 +125,16 @@ class History:
         dt = t1 - t0
         k = (t - t0) / dt
         before, after = self._values[i - 1], self._values[i]
-        steps = self._wrapped(tuple(map(sub, after, before)))
+        steps = self._wrapped([b - a for a, b in zip(before, after, strict=True)])
         line = [a + k * step for a, step in zip(before, steps, strict=True)]
         if self._slopes:
             # What the cubic adds to the line: shares of the step and of the rates at both ends.
             bend = k * (1.0 - k)
             of_step = bend * (2.0 * k - 1.0)
             of_first, of_last = bend * (1.0 - k) * dt, bend * k * dt
-            slopes = zip(line, steps, self._slopes[i - 1], self._slopes[i], strict=False)
-            cubic = [p + of_step * s + of_first * u - of_last * v for p, s, u, v in slopes]
-            line[: len(cubic)] = cubic
+            first, last = self._slopes[i - 1], self._slopes[i]
+            for j, (u, v) in enumerate(zip(first, last, strict=True)):
+                line[j] = line[j] + of_step * steps[j] + of_first * u - of_last * v
         return self._wrapped(line)
 
     def _ahead(self, t: float) -> Values:
@@ -146,5 +146,9 @@ class History:
         on = [value + dt * rate for value, rate in zip(values, self.newest_rates, strict=False)]
         return self._wrapped([*on, *values[len(on) :]])
 
-    def _wrapped(self, values: Sequence[float]) -> Values:
-        return (*map(wrap, values[: self._angles]), *values[self._angles :])
+    def _wrapped(self, values: list[float]) -> Values:
+        """Return values whose angles are wrapped, in place."""
+        for j in range(self._angles):
+            if not -math.pi < values[j] <= math.pi:  # a call takes longer than the question
+                values[j] = wrap(values[j])
+        return tuple(values)

@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 from landerd.config.models import EstimationSection
-from landerd.estimation.camera_pose import PoseHistory
+from landerd.estimation.camera_pose import CameraPose, PoseHistory
 from landerd.estimation.motion_filter import Jacobian
 from landerd.geometry import (
     ZERO,
@@ -168,7 +168,7 @@ class ObservationModel:
             sigma_heading = math.hypot(sigma_yaw, self._sigma_bearing)
         sigma_range = math.sqrt(max(0.0, covariance[2][2]))
         t_true = t - clocks.pictures_s
-        turning, by_gimbal = self._sweeps(t_true, clocks.gimbal_s, R, solution.position)
+        turning, by_gimbal = self._sweeps(t_true, clocks.gimbal_s, camera, solution.position)
         # The velocity as reported: positions differenced over so short a time would be noise.
         by_clock = add(self._poses.velocity(t_true), turning)
         # The filter's biases are total ones: undo to first order what `clocks` has corrected.
@@ -209,13 +209,15 @@ class ObservationModel:
         centre, to_camera = feet
         return PadFix(seen.t, centre, add(to_camera, scale(seen.sight, seen.range_m)))
 
-    def _sweeps(self, t: float, gimbal_back_s: float, R: Mat3, point: Vec3) -> tuple[Vec3, Vec3]:
+    def _sweeps(
+        self, t: float, gimbal_back_s: float, camera: CameraPose, point: Vec3
+    ) -> tuple[Vec3, Vec3]:
         """Return the velocities of a fixed point of the camera frame through local NED, m/s.
 
         Args:
             t: exposure by the autopilot's clock, s.
             gimbal_back_s: how much older the gimbal's angles are to be, s.
-            R: R_local_camera then.
+            camera: its pose then.
             point: camera frame, m.
 
         Returns:
@@ -224,7 +226,7 @@ class ObservationModel:
         half, gimbal_t = 0.5 * DIFFERENCE_S, t - gimbal_back_s
         after, before = gimbal_t + half, gimbal_t - half
         airframe, turned = self._poses.airframe, self._poses.camera_rotation
-        still = airframe(t)
+        R, still = camera.R_local_camera, camera.airframe
         return (
             _sweep(R, turned(airframe(t + half), after), turned(airframe(t - half), before), point),
             _sweep(R, turned(still, after), turned(still, before), point),

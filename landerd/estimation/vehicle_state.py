@@ -61,7 +61,8 @@ def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> Ve
     yaw_rate = poses.attitude.newest_rates[2]
     velocity = (p[3], p[4], p[5])
     origin = add((p[0], p[1], p[2]), scale(velocity, now - t))
-    down = rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, 1.0))
+    (_, _, down_n), (_, _, down_e), (_, _, down_d) = rot_zyx(yaw, pitch, roll)
+    down = (down_n, down_e, down_d)
     feet = add(origin, scale(down, vehicle.gear_height_m))
     yaw = wrap(yaw + (now - attitude[0]) * yaw_rate)
     tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(p_rate, q_rate)
