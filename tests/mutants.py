@@ -918,8 +918,8 @@ MUTANTS = [
         BELOW,
         "if now - self._differs_since >= DIFFERS_S:",
         "if now - self._differs_since >= math.inf:",
-        "guidance/test_pad_below.py"
-        "::test_a_pad_that_is_seen_to_drive_otherwise_after_the_touch_is_gone_with",
+        "guidance/test_landing.py"
+        "::test_a_pad_that_is_seen_to_speed_up_under_feet_that_slide_is_gone_with",
     ),
     Mutant(
         "4: is not levelled as it tips over where it stands",

@@ -1373,6 +1373,34 @@ def test_blown_across_a_pad_that_drives_on_it_is_not_taken_for_carried() -> None
     assert flight.order.velocity[0] == pytest.approx(3.0, abs=0.2)
 
 
+def test_a_pad_that_is_seen_to_speed_up_under_feet_that_slide_is_gone_with() -> None:
+    """Once, the velocity at the touch was kept for as long as the pad slid under the vehicle."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    flight.detects_landing = False
+    flight.skids = -0.3
+    to(flight.engaged(), State.ON_PAD)
+    flight.pad_velocity, flight.skids = (2.0, 0.0, 0.0), -1.3
+    flight.run(1.2)
+    assert flight.pressed == []
+    assert flight.order.velocity[0] == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize("is_seen", [True, False], ids=["for a moment", "by nobody"])
+def test_a_pad_that_hardly_is_seen_to_speed_up_under_the_feet_is_gone_with_as_before(
+    is_seen: bool,
+) -> None:
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    flight.detects_landing = False
+    flight.skids = -0.3
+    to(flight.engaged(), State.ON_PAD)
+    flight.visible = is_seen
+    flight.pad_velocity, flight.skids = (2.0, 0.0, 0.0), -1.3
+    flight.run(0.3 if is_seen else 1.2)
+    flight.pad_velocity, flight.skids = (1.0, 0.0, 0.0), -0.3
+    orders = flight.run(0.5)
+    assert [o.velocity[0] for o in orders] == pytest.approx([1.0] * len(orders), abs=0.2)
+
+
 def test_a_vehicle_that_slid_across_a_braking_pad_goes_with_it_once_it_stands() -> None:
     """Once, it was pressed on with the former velocity for 2 s, across a pad that stood."""
     flight = Flight(pad_velocity=(0.5, 0.0, 0.0))
