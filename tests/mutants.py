@@ -297,7 +297,7 @@ MUTANTS = [
     Mutant(
         "4: no descent ordered after contact",
         ON_PAD,
-        "orders.fly((north, east, down if is_down else 0.0), 0.0, may_descend=is_down)",
+        "orders.fly((north, east, down if descends else 0.0), 0.0, may_descend=descends)",
         "orders.fly((north, east, 0.0), 0.0, may_descend=True)",
         "test_an_undisturbed_landing_breaks_no_rule_and_is_told",
     ),
@@ -924,7 +924,7 @@ MUTANTS = [
     Mutant(
         "4: is not levelled as it tips over where it stands",
         TOUCHDOWN,
-        "tips = tips or _tips_where_it_stands(motion)",
+        "tips = tips or self._tips_where_it_stands(motion)",
         "tips = tips",
         "guidance/test_touchdown.py"
         "::test_a_vehicle_that_leans_ever_more_where_it_stands_is_levelled",

@@ -45,7 +45,7 @@ class Streams:
     def restart(self) -> None:
         """Ask for all streams again: the link or the autopilot is new."""
         self._window_start = -math.inf
-        self._first_look: float | None = None
+        self._first_look = math.inf  # when to see whether anything of them has come, s
 
     def received(self, message_id: int) -> None:
         """Count a message."""
@@ -71,9 +71,9 @@ class Streams:
 
     def _look_first(self, now: float) -> None:
         """Ask once more for streams of which nothing has come since all were asked for."""
-        if self._first_look is None or now < self._first_look:
+        if now < self._first_look:
             return
-        self._first_look = None
+        self._first_look = math.inf
         for message_id, wanted in self._wanted.items():
             if not self._received[message_id]:
                 self._ask(message_id, wanted)

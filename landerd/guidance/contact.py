@@ -85,14 +85,14 @@ def level_due(
         sink_rate=vehicle.foot_velocity[2],
         slip=slip,
         lean=math.inf if pad is None else angle_between(vehicle.down, pad.normal),
-        tilts_more=touchdown.tilts_more(vehicle.tilt),
+        tilt=vehicle.tilt,
         roll_pitch_rate=vehicle.roll_pitch_rate,
         pad_speed=math.hypot(north, east),
         heave=heave,
         sigma_heave=sigma_heave,
         fastest_heave=context.below.fastest_heave,
     )
-    carried = context.below.carries and motion.leans_more
+    carried = context.below.carries and touchdown.leans_more(vehicle.tilt)
     tips = touchdown.leaned if released else carried
     ordered = context.orders.velocity[2]
     return touchdown.level_due(

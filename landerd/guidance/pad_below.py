@@ -4,6 +4,7 @@ import math
 
 from landerd.config.models import GuidanceSection
 from landerd.estimation.estimator import Estimator
+from landerd.estimation.pad_filter import PadEstimate
 from landerd.geometry import ZERO, horizontal, sub, turned
 from landerd.guidance.footprint import Footprint
 from landerd.guidance.relative_state import RelativeState
@@ -110,10 +111,13 @@ class PadBelow:
 
         A deck out of sight may heave as fast as it ever did, up or down.
         """
+        pad = self._pad_in_sight(now)
+        return (0.0, self.fastest_heave) if pad is None else (pad.velocity[2], pad.sigma_heave)
+
+    def _pad_in_sight(self, now: float) -> PadEstimate | None:
         pad = self._estimator.pad(now)
-        if pad is None or self._estimator.sight_age(now) > self._options.lost.after_s:
-            return 0.0, self.fastest_heave
-        return pad.velocity[2], pad.sigma_heave
+        is_lost = self._estimator.sight_age(now) > self._options.lost.after_s
+        return None if is_lost else pad
 
     def down(self, now: float) -> float:
         """Return local z of the pad, m; out of sight, the lowest that it may be by now.
@@ -148,8 +152,8 @@ class PadBelow:
 
     def _correct_by_sight(self, now: float) -> None:
         """Take the pad's horizontal velocity from sight where it differs from the known one."""
-        pad = self._estimator.pad(now)
-        if pad is None or self._estimator.sight_age(now) > self._options.lost.after_s:
+        pad = self._pad_in_sight(now)
+        if pad is None:
             self._differs_since = math.inf
             return
         differs = horizontal(sub(pad.velocity, self._known_velocity)) > DIFFERS_MPS

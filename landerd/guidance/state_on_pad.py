@@ -67,10 +67,8 @@ class OnPad:
             # Relative to a deck that sinks; a deck that rises presses by itself.
             down = self._touchdown.descent(0.0) + max(0.0, context.below.heave(now)[0])
             # On stale data no descent is ordered (rule 5), until what sinks on has touched.
-            is_down = (
-                self._touchdown.is_down(now) or context.estimator.fresh_vehicle(now) is not None
-            )
-            orders.fly((north, east, down if is_down else 0.0), 0.0, may_descend=is_down)
+            descends = self._touchdown.is_down(now) or context.estimator.has_fresh_vehicle(now)
+            orders.fly((north, east, down if descends else 0.0), 0.0, may_descend=descends)
         return None
 
     def _is_clear(self, now: float) -> bool:

@@ -150,7 +150,7 @@ class ContactMotion:
     sink_rate: float  # measured, m/s, downward positive; infinity: unknown
     slip: float  # horizontal speed relative to the pad, measured, m/s; infinity: unknown
     lean: float  # angle of the airframe to the plate as last seen, rad; infinity: never seen
-    tilts_more: float  # than it did at most from commit to the touch, rad
+    tilt: float  # of the airframe from level, rad
     roll_pitch_rate: float  # measured, rad/s; infinity: unknown
     pad_speed: float  # the pad's horizontal speed, relative to which slip is measured, m/s
     heave: float  # the pad's vertical velocity as last known, downward positive, m/s
@@ -161,11 +161,6 @@ class ContactMotion:
     def slip_error(self) -> float:
         """How much of the slip may be an error of the pad's speed, m/s."""
         return PAD_SPEED_ERROR_SHARE * self.pad_speed
-
-    @property
-    def leans_more(self) -> bool:
-        """Whether it leans more than in the air."""
-        return self.tilts_more > TIPS
 
 
 class Touchdown:
@@ -392,9 +387,9 @@ class Touchdown:
         touched = self._contact_t is not None and now - self._contact_t >= CONFIRMED_S
         return touched and landed is Landed.ON_GROUND
 
-    def tilts_more(self, tilt: float) -> float:
-        """Return by how much a tilt exceeds the largest since commit, rad."""
-        return tilt - self._tilt
+    def leans_more(self, tilt: float) -> bool:
+        """Tell whether a tilt (rad) exceeds the largest since commit by TIPS."""
+        return tilt > self._tilt + TIPS
 
     @property
     def leaned(self) -> bool:
@@ -436,7 +431,7 @@ class Touchdown:
             self._flew_t = now  # as far as is known
         self._note_still(now, motion, is_pressed=is_pressed)
         confirmed = self._confirmed(now, landed)
-        tips = tips or _tips_where_it_stands(motion)
+        tips = tips or self._tips_where_it_stands(motion)
         tips_over = tips and self._pressed_s(now) > LEVEL_TIPPING_S
         # A released vehicle that is said to be on the ground is neither stopped nor pressed down.
         stands = self._stands_still(now) or tips_over or (released and confirmed)
@@ -513,6 +508,11 @@ class Touchdown:
         """
         return now - self._still_since >= LEVEL_STILL_S + self._settled_s
 
+    def _tips_where_it_stands(self, motion: ContactMotion) -> bool:
+        """Tell whether it leans more than in the air, over an edge that does not slide."""
+        leans = self.leans_more(motion.tilt) and motion.lean > LIES_FLAT
+        return leans and motion.slip < DRAGGED_MPS + motion.slip_error
+
     def _slides_flat(self, now: float, motion: ContactMotion, *, released: bool) -> bool:
         """Tell whether it lies flat but slides, and will not stop while it has thrust."""
         will_slide = self.leaned or released
@@ -570,12 +570,6 @@ class Touchdown:
         since = self._began if self._contact_t is None else self._contact_t
         is_late = now - since > self._timeout_s
         return is_late and (landed is not Landed.ON_GROUND or self.is_refused(now))
-
-
-def _tips_where_it_stands(motion: ContactMotion) -> bool:
-    """Tell whether it leans more than in the air, over an edge that does not slide."""
-    leans = motion.leans_more and motion.lean > LIES_FLAT
-    return leans and motion.slip < DRAGGED_MPS + motion.slip_error
 
 
 def _sink_over_deck(motion: ContactMotion) -> float:

@@ -200,7 +200,7 @@ STILL = ContactMotion(
     sink_rate=0.0,
     slip=0.0,
     lean=0.0,
-    tilts_more=0.0,
+    tilt=0.0,
     roll_pitch_rate=0.0,
     pad_speed=0.0,
     heave=0.0,
@@ -338,7 +338,7 @@ def test_a_vehicle_that_leans_ever_more_where_it_stands_is_levelled() -> None:
     standing = Standing()
 
     def leans(seconds: float, slip: float = 0.0, lean: float = 0.2, more: float = 0.1) -> bool:
-        due = standing.level(seconds, slip=slip, lean=lean, tilts_more=more, roll_pitch_rate=0.5)
+        due = standing.level(seconds, slip=slip, lean=lean, tilt=more, roll_pitch_rate=0.5)
         return due[-1]
 
     assert not leans(0.25)  # it rocks as it touches
