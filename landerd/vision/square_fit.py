@@ -160,9 +160,11 @@ class SquarePrint(MarkerPrint):
         is_explained = fit.explained > _MIN_TRACKED_EXPLAINED
         if is_explained and not fit.darkens:  # else dirt moves it
             return fit
-        # No other print contradicts it: what is not as printed may be hidden.
-        by_edges = self._by_edges(image, camera, fit.pose, may_be_hidden=True)
-        by_edges = by_edges or self._by_edges(image, camera, expected)
+        # No other print contradicts it: what is not as printed may be hidden. By a dark leg the fit
+        # is pulled so far aside that edges no longer lead back from there.
+        starts = (fit.pose, expected)
+        found = [self._by_edges(image, camera, s, may_be_hidden=True) for s in starts]
+        by_edges = max((f for f in found if f is not None), key=_support, default=None)
         return by_edges or (fit if is_explained else None)
 
     def _by_edges(
@@ -217,6 +219,10 @@ class SquarePrint(MarkerPrint):
             if float(start.normal @ pose.normal) < EQUAL_NORMALS_COS and error * focal < most_px:
                 rivals.append(start)
         return rivals
+
+
+def _support(fit: EdgeFit) -> float:
+    return fit.support
 
 
 def _is_settled_by_gravity(pose: Pose, other: Pose, down: F64) -> bool:

@@ -123,6 +123,21 @@ def test_another_tag_with_dirt_on_its_code_is_not_taken_for_the_pads(number: int
     assert tracked(at(1.0), dirty(at(1.0), layout)) is None
 
 
+def test_a_dark_leg_before_a_faint_tag_does_not_pull_its_fit_aside() -> None:
+    view = look(CAMERA, 1.44, 0.81, pixel=(403.0, 429.0), heading=-1.32, tilt_towards=2.75)
+    faint = Optics(white=200.0, black=100.0, noise=2.0)
+    image = render(view, CAMERA, faint, np.random.default_rng(7))
+    leg = np.array([(0.102, 0.059), (0.087, 0.001), (-0.504, 0.115), (-0.469, 0.25)])
+    outline = np.column_stack([leg, np.zeros(len(leg))]) + CENTRE
+    px = CAMERA.pixels(np.array(view.position) + outline @ view.R_camera_pad.T)
+    cv2.fillPoly(image, [np.rint(px * 16.0).astype(np.int32)], 40.0, shift=4)
+    start = Pose(view.R_camera_pad, truth(view), np.zeros((6, 6)), 0.0)
+    expected = start.moved(np.array([-0.004, 0.001, 0.002, -0.017, -0.029, -0.008]))
+    fit = SquarePrint(TAG, printed_cells(TAG)).track(image, CAMERA, expected)
+    assert fit is not None
+    assert np.linalg.norm(fit.pose.t - truth(view)) < 0.005
+
+
 def half_hidden(view: View, layout: PadLayout = THESIS_PAD) -> U8:
     """Return a picture of a pad with half of its tag under dirt as dark as its print."""
     blot = [(-0.17, -0.2), (-0.17, 0.03), (-0.05, -0.02), (0.02, 0.02), (0.08, -0.03), (0.17, 0.0)]
