@@ -10,6 +10,7 @@ dirt or a leg hides are outliers.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -307,6 +308,15 @@ class PrintEdges:
 def _near(edges: _Seen, residual: F64, cell_px: float) -> Mask:
     """Tell which edges (n,) are seen in place, by their residuals, px."""
     return np.asarray(edges.seen & (np.abs(residual) < _NEAR_PX + _NEAR_CELLS * cell_px))
+
+
+def best_supported(fits: Iterable[EdgeFit | None]) -> EdgeFit | None:
+    """Return the fit with the largest share of its edges in place; None: there is none.
+
+    A leg or dirt can draw a fit to grey levels aside, and the edges with it if they are looked for
+    from there; so can the error of an expected pose. Rarely do both.
+    """
+    return max((f for f in fits if f is not None), key=lambda f: f.support, default=None)
 
 
 def ranked_by_edges(fits: list[EdgeFit]) -> list[Pose]:

@@ -16,7 +16,7 @@ from landerd.messages import EDGES, GREY
 from landerd.pad import Square
 from landerd.vision.arrays import Image
 from landerd.vision.pose import EQUAL_NORMALS_COS, MIN_DEPTH_M, SAME_SOLUTION_COS, Pose
-from landerd.vision.print_edges import EdgeFit, ranked_by_edges
+from landerd.vision.print_edges import EdgeFit, best_supported, ranked_by_edges
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit, MarkerPrint, per_pixel, ranked
 from landerd.vision.square_edges import square_edges
 from landerd.vision.square_pose import planar_poses, poses_from_corners
@@ -160,11 +160,11 @@ class SquarePrint(MarkerPrint):
         is_explained = fit.explained > _MIN_TRACKED_EXPLAINED
         if is_explained and not fit.darkens:  # else dirt moves it
             return fit
-        # No other print contradicts it: what is not as printed may be hidden. By a dark leg the fit
-        # is pulled so far aside that edges no longer lead back from there.
-        starts = (fit.pose, expected)
-        found = [self._by_edges(image, camera, s, may_be_hidden=True) for s in starts]
-        by_edges = max((f for f in found if f is not None), key=_support, default=None)
+        # No other print contradicts it: what is not as printed may be hidden.
+        by_edges = best_supported(
+            self._by_edges(image, camera, start, may_be_hidden=True)
+            for start in (fit.pose, expected)
+        )
         return by_edges or (fit if is_explained else None)
 
     def _by_edges(
@@ -219,10 +219,6 @@ class SquarePrint(MarkerPrint):
             if float(start.normal @ pose.normal) < EQUAL_NORMALS_COS and error * focal < most_px:
                 rivals.append(start)
         return rivals
-
-
-def _support(fit: EdgeFit) -> float:
-    return fit.support
 
 
 def _is_settled_by_gravity(pose: Pose, other: Pose, down: F64) -> bool:

@@ -15,6 +15,7 @@ The marker is that of Krajnik et al. (see `pad.WhyCode`). Its search is not unde
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +35,7 @@ from landerd.vision.pose import (
     rotation_from,
     turned_about_normal,
 )
-from landerd.vision.print_edges import ranked_by_edges
+from landerd.vision.print_edges import best_supported, ranked_by_edges
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit, per_pixel, ranked
 from landerd.vision.pyramid import levels
 from landerd.vision.ring_pose import mirrored, poses_through
@@ -292,11 +293,13 @@ class WhyCodeFinder:
         If it is known to be there, it need not be read again.
         """
         by_grey = self._prints[code].fit(image, self._camera, start)
+        starts = [start] if by_grey is None else [start, by_grey.pose]
         if by_grey is not None and not _explains(by_grey, is_known=is_known):
             by_grey = None
         if by_grey is None or _is_shaded(by_grey):
-            near = start if by_grey is None else by_grey.pose
-            poses = self._by_edges(image, code, near, last_normal)
+            if not is_known:  # texture must cost no more than this
+                starts = starts[:1] if by_grey is None else starts[1:]
+            poses = self._by_edges(image, code, starts, last_normal)
             if poses and (is_known or self._agrees(image, code, poses[0])):
                 return FoundCode(code, poses, EDGES)
         if by_grey is not None:
@@ -318,11 +321,11 @@ class WhyCodeFinder:
         return tuple(ranked(fits))
 
     def _by_edges(
-        self, image: Image, code: WhyCode, start: Pose, last_normal: Vec3 | None
+        self, image: Image, code: WhyCode, starts: Sequence[Pose], last_normal: Vec3 | None
     ) -> tuple[Pose, ...]:
         """Return the poses that explain the edges of the print, best first; empty if none does."""
         edges, camera = self._edges[code], self._camera
-        first = edges.fit_hidden(image, camera, start)
+        first = best_supported(edges.fit_hidden(image, camera, start) for start in starts)
         if first is None:
             return ()
         other = self._rival(code, first.pose, last_normal)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from landerd.config.models import VisionSection
-from landerd.messages import Frame, MarkerSighting, Prior, Sightings
+from landerd.messages import Frame, MarkerSighting, PadPrior, Prior, Sightings
 from landerd.pad import PadLayout, Plate, Ring, WhyCode, load_pad
 from landerd.vision import Vision
 from landerd.vision.arrays import Image
@@ -331,3 +331,26 @@ def test_what_is_followed_as_a_code_shows_its_teeth_as_clearly_as_what_is_found(
     for x in (28, 32, 36):
         cut = scenes.look(CAMERA, 2.8, 0.0, pixel=(x, 88))
         assert abs(wear_that_hides(cut, is_followed) - found) < 0.05
+
+
+@pytest.mark.parametrize("black", [70.0, 110.0])
+def test_a_leg_over_a_code_does_not_lead_its_fit_aside(black: float) -> None:
+    """Once, the edges were looked for from the expected pose alone, and led aside by 3 %."""
+    camera, printed = scenes.THESIS_CAMERA, pad()
+    view = scenes.look(camera, 8.87, 0.685, pixel=(475.0, 158.0), heading=-2.54, tilt_towards=1.51)
+    optics = scenes.Optics(white=172.0, black=black, noise=2.0, blur_px=0.92)
+    image = scenes.render(view, camera, optics, np.random.default_rng(1), printed)
+    leg = np.array([(-0.18, -0.22, 0), (-0.21, -0.15, 0), (1.51, 0.89, 0), (1.72, 0.44, 0)])
+    px = camera.pixels(np.array(view.position) + leg @ view.R_camera_pad.T)
+    cv2.fillPoly(image, [np.rint(px * 16.0).astype(np.int32)], 40.0, shift=4)
+    x, y, z = view.position
+    expected = PadPrior(
+        (x - 0.07, y + 0.034, z + 0.034),
+        0.09,
+        tuple(view.R_camera_pad[:, 0].tolist()),
+        tuple(view.normal.tolist()),
+    )
+    found = Vision(printed, camera, VisionSection()).process(
+        Frame(0.0, 0, image), Prior(tuple(view.normal.tolist()), expected)
+    )
+    assert np.linalg.norm(np.subtract(found.pad[0].position, view.position)) < 0.05
