@@ -50,6 +50,11 @@ RING_ALONE_S = 1.0
 # the autopilot's timeout stops; with one sigma it did so now and then, where the reversal of a slow
 # deck had not been seen yet.
 UNSURE_HEAVE_SIGMAS, UNSURE_HEAVE_MPS = 1.5, 0.2
+# A deck that heaves may since the last picture have begun to rise: its velocity, at most the
+# fastest seen, changes at this rate, 1/s, if it heaves at 0.25 Hz. Fully allowed for above the
+# second height, m, and not below the first: there it lands within a second, and with pictures that
+# are 0.35 s old it would otherwise wait for minutes.
+HEAVE_RATE, HEAVE_TURNS_M = 1.6, (0.3, 0.6)
 # The pilot is warned when the flown velocity differs from the ordered one by this share and by
 # this, m/s, for this long, s. The slowest vehicle that lands answers 2.1 s late; ArduCopter with
 # GUID_OPTIONS 32 follows no velocity at all, and a vehicle at its lean limit lags behind in wind.
@@ -156,12 +161,12 @@ class Tracking:
             north, east, _ = relative.pad_velocity
             context.orders.climb_away(north, east)
         else:
-            down = min(down, self._fastest_sinking(relative))
+            down = min(down, self._fastest_sinking(sight))
             context.orders.fly((north, east, down), yaw_rate, may_descend=may_descend)
 
-    def _fastest_sinking(self, relative: RelativeState) -> float:
+    def _fastest_sinking(self, sight: Sight) -> float:
         """Return the fastest downward velocity to order, m/s."""
-        context = self._context
+        context, relative = self._context, sight.relative
         # Were this the last order, the autopilot's own timeout would have to stop the vehicle in
         # time, also where it is lower than estimated.
         safe = safe_sink_rate(
@@ -175,7 +180,10 @@ class Tracking:
         unsure = min(UNSURE_HEAVE_SIGMAS * relative.sigma_heave, UNSURE_HEAVE_MPS)
         comes_up = min(0.0, relative.pad_velocity[2] - unsure)
         least = comes_up if context.below.heaves else comes_up + safe
-        return max(relative.sure_heave + safe, least)
+        low_m, high_m = HEAVE_TURNS_M
+        share = clamp((relative.height - low_m) / (high_m - low_m), 0.0, 1.0)
+        turned = share * HEAVE_RATE * context.below.fastest_heave * sight.age
+        return max(relative.sure_heave - turned + safe, least)
 
     def _may_descend(self, now: float, sight: Sight, floor_m: float) -> bool:
         """Tell whether it may descend, to floor_m over the pad; called at every control step."""

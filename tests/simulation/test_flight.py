@@ -59,3 +59,23 @@ def test_a_tag_larger_than_the_picture_is_followed_by_its_cells_and_counts_as_se
     flight = fly(overrides=[*ABOVE, f"pad.layout={pad}"])
     assert flight.score.landed
     assert flight.rules.broken == {}
+
+
+@pytest.mark.parametrize("seed", [2, 5, 6])
+def test_a_deck_that_slow_pictures_show_late_is_not_sunk_onto_too_fast(seed: int) -> None:
+    late = [
+        "sim.sight=modelled",
+        "sim.pad.heave_m=0.3",
+        "sim.pad.heave_hz=0.25",
+        "sim.camera.latency_s=0.105",
+        "sim.camera.clock_offset_s=-0.017",
+        "sim.companion.vision_factor=4.67",
+        "sim.companion.stall_s=0.05",
+        "sim.companion.stall_every_s=2.3",
+        "sim.render.defocus_px=1.6",
+        "sim.response.delay_s=0.09",
+        "sim.response.vertical_acceleration_mps2=1.27",
+    ]
+    flight = fly(overrides=late, seed=seed, longest_s=40.0)
+    assert flight.score.landed
+    assert flight.rules.broken == {}
