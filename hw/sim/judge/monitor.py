@@ -24,6 +24,7 @@ TIPS_ON_DEG = 5.0  # a vehicle that leans against wind as it touches tips from t
 TOUCHED_S = 1.0  # so long after a touch a tilt is that of a vehicle that tips over,
 CLIMBS_MPS = 0.5  # unless it climbs so fast with all feet up: then it leans as it flies
 BOUNCE_S = 0.1  # feet up for longer: the next touch is another contact
+HOP_S = 0.2  # feet up for longer: it flies, and does not lie there and hop
 # Flown by others, or by nobody after them, for longer they have tipped it over; or for so long
 # before the first foot was down, s: it is their stop that a pad that drives tips it over with.
 OTHERS_S, OTHERS_AIRBORNE_S = 1.0, 0.2
@@ -234,7 +235,7 @@ class SafetyMonitor:
         if is_old and not (order.zero or order.level) and norm(vehicle.velocity) > MOVES_MPS:
             self._find(t, f"motion on a set-point older than {OLD_ORDER_S:g} s")
         # Of an old one the autopilot has made an end meanwhile.
-        may_sink = not is_old and order.sinks and not any(vehicle.feet)
+        may_sink = not is_old and order.sinks and t - self._touched_t > HOP_S
         low = may_sink and not world.is_above(LOW_M) and world.height < LOW_M
         if low and self.sinks and math.hypot(*world.offset) > ERROR_M:
             self._find(t, f"descends below {LOW_M:g} m, more than {ERROR_M:g} m off")

@@ -83,6 +83,19 @@ def test_a_hard_contact_beside_the_pad_is_a_finding() -> None:
     assert watched.monitor.worst.down_mps > 0.5
 
 
+def test_a_vehicle_pressed_down_as_it_hops_beside_the_pad_does_not_descend_there() -> None:
+    watched = Watched(altitude_m=1.2).order((0.0, 2.0, -0.3), 2.0, told=False)
+    vehicle = watched.world.vehicle
+    while not any(vehicle.feet):  # as where landerd stands still, and the wind carries it off
+        watched.order((0.0, 2.0, 0.5), 0.025, told=False)
+    hopped_s = 0.0
+    for _ in range(40):
+        watched.order((0.0, 0.0, 0.6), 0.025)
+        hopped_s += 0.0 if any(vehicle.feet) else 0.025
+    assert 0.1 < hopped_s < 0.2
+    assert "descends below 1 m, more than 1 m off" not in watched.found
+
+
 def test_a_vehicle_that_tips_over_is_a_finding() -> None:
     watched = Watched(pad={"speed_mps": 8.0}).order((0.0, 0.0, 0.6), 4.0)
     assert "tipped over 30 degrees" in watched.found
