@@ -25,6 +25,7 @@ _SINKS_ON_S = 0.1  # a descent goes on for this long, whatever is ordered
 _LED_S = 0.5
 _NEAR_M = 3.0  # farther from the landing point the plate is not below, nor will be soon
 _KEEP_S = 2.0  # how long orders are kept
+_TURNS_OVER = math.radians(60.0)  # no multicopter flies so
 _COURSE_S = 0.1  # over which the pad's velocity is differenced
 _RESTART_S = 1.0  # step back of the boot clock that shows a restart
 _WRAP_S = 2.0**32 / 1e3  # of time_boot_ms
@@ -100,6 +101,7 @@ class Evidence:
         touching_since: since when a foot has been down but for bounces, with orders or without.
         touches_now: this order is the first one since the touch.
         levelled: landerd has ordered to stand level since the touch.
+        turned_over: it has leaned since the touch as none flies.
         on_ground_t: since when the autopilot has reported ON_GROUND.
         disarm_t: time of the last order to disarm.
         blind_since: since when sight or data have been too old to fly on.
@@ -130,7 +132,7 @@ class Evidence:
         self.stops_since: float | None = None
         self.free_t = 0.0
         self.barred_t = -math.inf
-        self.touched = self.touches_now = self.levelled = False
+        self.touched = self.touches_now = self.levelled = self.turned_over = False
         self.touched_t = -math.inf
         self.touching_since = 0.0
         self.on_ground_t: float | None = None
@@ -169,7 +171,8 @@ class Evidence:
             self.authority_lost_t = t
         if armed and not self.armed:
             # A new flight: an order that was on its way when the motors stopped is none of it.
-            self.touched, self.levelled, self.on_ground_t = False, False, None
+            self.touched = self.levelled = self.turned_over = False
+            self.on_ground_t = None
         self.armed, self.guided, self._beat_t = armed, guided, t
 
     def on_rc(self, t: float, measured_t: float, message: mavlink.MAVLink_message) -> None:
@@ -458,7 +461,10 @@ class Evidence:
         if truth.feet_down:
             self.touched = True
         elif truth.height > self._b.commit_height_m:
-            self.touched, self.levelled, self.on_ground_t = False, False, None
+            self.touched = self.levelled = self.turned_over = False
+            self.on_ground_t = None
+        if self.touched and truth.tilt > _TURNS_OVER:
+            self.turned_over = True
         if truth.feet_down < 3 or truth.slip > _STILL_MPS:
             self._still_since = None
         elif self._still_since is None:

@@ -101,6 +101,7 @@ class SafetyMonitor:
         self._touched_t = self._set_down_t = -math.inf  # a foot down, last and after a flight
         self._leant_deg = 0.0  # in the air, last
         self._has_tipped = False  # it leans as one that tips over, and who did that is known
+        self._by_others = False  # others have tipped it over since it last flew
         self._promise: tuple[float, Promise] | None = None  # until when, what
         world.on_step.append(self._on_step)
 
@@ -166,6 +167,7 @@ class SafetyMonitor:
         if self._order is not None or not (flies or self._others_fly()):
             self._ours_t = world.t
         tilt = math.hypot(vehicle.roll, vehicle.pitch)
+        self._by_others &= self.touches
         climbs = not any(vehicle.feet) and world.relative_velocity[2] < -CLIMBS_MPS
         if self.touches and not climbs:
             self._watch_tilt(world.t, tilt)
@@ -193,7 +195,9 @@ class SafetyMonitor:
         velocity = self._feet.touching_velocity() if on_pad else world.vehicle.velocity
         self.worst.down_mps = max(self.worst.down_mps, velocity[2])
         self.worst.across_mps = max(self.worst.across_mps, horizontal(velocity))
-        if not on_pad and norm(velocity) > OFF_PAD_MPS and self._flies():
+        # One that lies where others have tipped it over may be thrown about.
+        by_landerd = self._flies() and not self._by_others
+        if not on_pad and norm(velocity) > OFF_PAD_MPS and by_landerd:
             self._find(t, f"ground contact off the pad above {OFF_PAD_MPS:g} m/s")
 
     def _watch_tilt(self, t: float, tilt: float) -> None:
@@ -204,6 +208,7 @@ class SafetyMonitor:
         if self._has_tipped and not tipped_before:  # whoever flies it while it lies there
             by_others = t - self._ours_t > OTHERS_S
             by_others |= self._set_down_t - self._ours_t > OTHERS_AIRBORNE_S
+            self._by_others |= by_others
             self._find(t, TIPPED_BY_OTHERS if by_others else f"tipped over {TIPS_DEG:g} degrees")
 
     def _watch_air(self, world: World, tilt: float) -> None:

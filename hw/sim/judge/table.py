@@ -253,7 +253,8 @@ def _level_sliding(e: Evidence, o: Order, b: RuleBounds) -> bool:
     # its steering thrust would carry half of its weight, and let it slide on.
     slip = min(o.truth.slip, o.truth.foot_slip)
     stands_on_edge = 0 < o.truth.feet_down < 4 and o.truth.lean_m > b.rocks_m
-    return o.level and stands_on_edge and slip > b.ride_mps
+    slides = o.level and stands_on_edge and slip > b.ride_mps
+    return slides and not e.turned_over  # thrust would throw that about
 
 
 def _not_level(e: Evidence, o: Order, b: RuleBounds) -> bool:

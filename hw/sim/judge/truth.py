@@ -11,6 +11,7 @@ from landerd.geometry import (
     Mat3,
     Vec3,
     add,
+    clamp,
     cross,
     horizontal,
     rot_zyx,
@@ -45,6 +46,7 @@ class Truth:
     landing_point: Vec3 = (0.0, 0.0, 0.0)  # local, m
     velocity: Vec3 = (0.0, 0.0, 0.0)  # of the vehicle, m/s
     lean_m: float = 0.0  # how far the lowest foot is below the feet's centre, pad frame
+    tilt: float = 0.0  # of the airframe from level, rad
 
     @property
     def pad_heading(self) -> float:
@@ -124,4 +126,5 @@ class Feet:
             landing_point=pad.position,
             velocity=vehicle.velocity,
             lean_m=max(rotate(R_pad_local, arm)[2] for arm in aside),
+            tilt=math.acos(clamp(R[2][2], -1.0, 1.0)),
         )

@@ -136,6 +136,30 @@ def test_a_vehicle_that_lies_there_as_landerd_takes_it_back_was_tipped_over_by_o
     assert "tipped over 30 degrees" not in watched.found
 
 
+def test_a_vehicle_thrown_off_the_pad_where_others_tipped_it_over_is_not_blamed_on_landerd() -> (
+    None
+):
+    watched = Watched(pad={"speed_mps": 8.0}).order((8.0, 0.0, 0.0), 5.0)
+    world, vehicle = watched.world, watched.world.vehicle
+    while not all(vehicle.feet):
+        watched.order((8.0, 0.0, 0.3), 0.025)
+    watched.flies = False
+    watched.order((8.0, 0.0, 0.3), 1.1, told=False)
+    while not watched.found:
+        watched.order((0.0, 0.0, 0.6), 0.025, told=False)
+    watched.flies = True
+    beside_mps = 0.0
+    for _ in range(80):
+        truth = watched.feet.truth()
+        watched.monitor.on_order(Order(world.t, (0.0, 0.0, 0.0), 0.0, truth=truth, level=True))
+        vehicle.order((0.0, 0.0, 1.0), 0.0, level=True)
+        world.advance(world.t + 0.025)
+        beside_mps = max(beside_mps, 0.0 if vehicle.on_pad else math.hypot(*vehicle.velocity))
+    assert beside_mps > 2.0
+    assert "tipped over in the hands of others" in watched.found
+    assert "ground contact off the pad above 0.5 m/s" not in watched.found
+
+
 def test_a_vehicle_handed_over_while_it_tips_is_blamed_on_landerd() -> None:
     watched = Watched(pad={"speed_mps": 8.0}).order((0.0, 0.0, 0.6), 0.5)
     vehicle = watched.world.vehicle

@@ -988,6 +988,17 @@ def test_4_it_stands_level_only_when_it_does_not_slide_on_an_edge(
     assert court.broken == ([rule] if broken else [])
 
 
+def test_4_a_vehicle_that_turns_over_as_it_slides_gets_no_thrust() -> None:
+    court = Court()
+    stands = replace(ON_PAD, feet_down=2, lean_m=0.12, slip=1.0, foot_slip=1.0)
+    court.truth = replace(stands, tilt=math.radians(70.0))
+    court.fly(0.7, SINK)
+    court.level(0.1)
+    court.truth = stands  # it falls back onto its feet
+    court.level(0.1)
+    assert court.broken == []
+
+
 def test_an_order_on_its_way_when_the_motors_stop_is_no_touch_down() -> None:
     # The last picture with a marker in it is old by then.
     court = Court()

@@ -35,3 +35,4 @@ def test_the_lowest_foot_of_a_leaning_vehicle_is_below_the_feets_centre() -> Non
         lean_m = 0.5 * VehicleSection().footprint_m[0] * math.sin(vehicle.pitch)
         truth = Feet(w, VehicleSection(), PLATE).truth()
         assert truth.lean_m == pytest.approx(lean_m, abs=1e-6)
+        assert truth.tilt == pytest.approx(math.radians(pitch_deg), abs=1e-6)
