@@ -38,10 +38,24 @@ _EDGE_BIAS_PX = 0.006
 # Gaussian, and no light is quite linear.
 _REDUCED_BIAS_PX = 0.001
 
+# White is over full scale if more than a share of the pixels is at least this bright: noise and
+# JPEG lower some. A mean of clipped pixels is not that of the light: of a large marker some single
+# pixels are fitted then, up to so many on edges and off them. A pixel is on an edge if its
+# neighbours differ by so many grey levels.
+CLIPPED = 253
+_CLIPPED_SHARE = 0.05
+_MOST_ON_EDGES, _MOST_OFF_EDGES, _EDGE_STEP = 1000, 200, 30
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
+# Error of the corners then, px: the samples of a print are not much finer than the pixels.
+_SINGLE_BIAS_PX = 0.02
+
 
 @dataclass(frozen=True)
 class Patch:
-    """The pixels a marker is fitted to; each is a mean of a square of the image's pixels."""
+    """The pixels a marker is fitted to; each is a mean of a square of the image's pixels.
+
+    Where white is clipped, they are the image's own, and of a large marker's only some.
+    """
 
     grey: F64  # grey levels, (n,)
     rays: F64  # homogeneous, z = 1, (3, n)
@@ -50,7 +64,13 @@ class Patch:
     pixel: float  # width of a pixel on the plane z = 1
     blur: float  # variance to start from, pixels^2: of a sharp lens and the pixel's weights
     bias: float  # error of the corners that residuals do not show, pixels, with a sharp lens
-    reduction: int  # number of the image's pixels along a side of one of these
+    reduction: int  # number of the image's pixels along a side of one of these, if not clipped
+    is_clipped: bool  # white is over full scale
+
+    @property
+    def is_thinned(self) -> bool:
+        """Whether these are some of the image's own pixels, instead of means."""
+        return self.is_clipped and self.reduction > 1
 
 
 def marker_patch(
@@ -64,7 +84,7 @@ def marker_patch(
 ) -> Patch | None:
     """Return the pixels that show a marker under a pose; None: too few, or it is behind the lens.
 
-    The image of a large marker is reduced, which saves time.
+    The image of a large marker is reduced or, where white is clipped, thinned, which saves time.
 
     Args:
         image: grey image (height, width).
@@ -83,26 +103,43 @@ def marker_patch(
     high = np.minimum(np.ceil(px.max(axis=0)) + 1, (camera.width, camera.height)).astype(int)
     widest = white * camera.focal / max(float(pose.t[2]), MIN_DEPTH_M)
     reduce = reduction or _reduction(px, low, high, widest)
-    size = (int(high[0] - low[0]) // reduce, int(high[1] - low[1]) // reduce)
+    box = image[low[1] : high[1], low[0] : high[0]]
+    is_clipped = bool(np.count_nonzero(box >= CLIPPED) > _CLIPPED_SHARE * box.size)
+    step = 1 if is_clipped else reduce
+    size = (int(high[0] - low[0]) // step, int(high[1] - low[1]) // step)
     if min(size) < _MIN_SIDE_PX:
         return None
-    crop = image[low[1] : low[1] + size[1] * reduce, low[0] : low[0] + size[0] * reduce]
-    grey = _reduced(crop, size) if reduce > 1 else crop.astype(np.float64)
-    rays = lens_grid(camera, low, size, reduce)
+    crop = box[: size[1] * step, : size[0] * step]
+    chosen, bias = None, math.hypot(_EDGE_BIAS_PX, _REDUCED_BIAS_PX * reduce)
+    if is_clipped and reduce > 1:
+        chosen, bias = _thinned(crop), _SINGLE_BIAS_PX
+        grey = crop.reshape(-1)[chosen].astype(np.float64)
+    else:
+        grey = (_reduced(crop, size) if step > 1 else crop.astype(np.float64)).reshape(-1)
+    rays = lens_grid(camera, low, size, step, chosen)
     inside = is_used(*on_plane(rays, pose))
     if np.count_nonzero(inside) < _MIN_COUNT:
         return None
     rays = rays.compress(inside, axis=1)  # rows in one piece, unlike those of rays[:, inside]
     return Patch(
-        grey=grey.reshape(-1)[inside],
+        grey=grey[inside],
         rays=rays,
         x=_normalised(rays[0]),
         y=_normalised(rays[1]),
-        pixel=reduce / camera.focal,
-        blur=_LENS_BLUR / reduce**2 + (_BOX_BLUR if reduce == 1 else _REDUCED_BLUR),
-        bias=math.hypot(_EDGE_BIAS_PX, _REDUCED_BIAS_PX * reduce),
+        pixel=step / camera.focal,
+        blur=_LENS_BLUR / step**2 + (_BOX_BLUR if step == 1 else _REDUCED_BLUR),
+        bias=bias,
         reduction=reduce,
+        is_clipped=is_clipped,
     )
+
+
+def _thinned(crop: Image) -> NDArray[np.intp]:
+    """Return the indices (n,), row by row, of a few pixels of an image, most of them on edges."""
+    step = cv2.morphologyEx(crop, cv2.MORPH_GRADIENT, _NEIGHBOURS).reshape(-1)
+    on, off = np.flatnonzero(step >= _EDGE_STEP), np.flatnonzero(step < _EDGE_STEP)
+    few = on[:: 1 + len(on) // _MOST_ON_EDGES], off[:: 1 + len(off) // _MOST_OFF_EDGES]
+    return np.concatenate(few)
 
 
 def _reduced(crop: Image, size: tuple[int, int]) -> F64:
@@ -193,8 +230,14 @@ def is_any_in_picture(camera: CameraModel, points: F64) -> bool:
     return bool(((px >= 0.0) & (px <= (camera.width - 1, camera.height - 1))).all(axis=1).any())
 
 
-def lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int], step: int) -> F64:
-    """Return the homogeneous rays (3, rows * columns) of a grid of pixels, row by row.
+def lens_grid(
+    camera: CameraModel,
+    low: NDArray[np.int_],
+    size: tuple[int, int],
+    step: int,
+    chosen: NDArray[np.intp] | None = None,
+) -> F64:
+    """Return the homogeneous rays (3, n) of a grid of pixels, row by row.
 
     The lens's map is smooth: it is computed at a few nodes and interpolated by polynomials.
 
@@ -203,6 +246,7 @@ def lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int],
         low: column and row (2,) of the grid's top left pixel in the image.
         size: numbers of columns and rows of the grid.
         step: side of the square of the image's pixels that is one of the grid's.
+        chosen: indices (n,) of those of its pixels that are returned; None: all are.
     """
     columns, rows = (
         first + (0.5 + (n - 1) * _NODES) * step - 0.5
@@ -212,9 +256,14 @@ def lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int],
     nodes[..., 0] = columns
     nodes[..., 1] = rows[:, None]
     at = camera.rays(nodes.reshape(-1, 2)).T.reshape(2, _LENS_NODES, _LENS_NODES)
-    rays = np.empty((3, size[0] * size[1]))
+    along, down = _lagrange(size[0]), _lagrange(size[1])
+    rays = np.empty((3, size[0] * size[1] if chosen is None else len(chosen)))
     rays[2] = 1.0
-    rays[:2] = (_lagrange(size[1]) @ at @ _lagrange(size[0]).T).reshape(2, -1)
+    if chosen is None:
+        rays[:2] = (down @ at @ along.T).reshape(2, -1)
+    else:
+        row, column = np.divmod(chosen, size[0])
+        rays[:2] = ((at @ along[column].T) * down[row].T).sum(axis=1)
     return rays
 
 

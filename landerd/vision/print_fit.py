@@ -2,9 +2,9 @@
 
 The whole print is known, so that every edge of every cell helps, not only the four corners. The
 model image is the print under a pose, blurred by the camera (`blurred_print`) and lit with a linear
-gradient. Pose, blur and light are fitted together (Gauss-Newton), and the camera's tone curve
-(`tone`) if the picture shows one. The information matrix is that of the pose after all other
-parameters are eliminated.
+gradient, and clipped at full scale. Pose, blur and light are fitted together (Gauss-Newton), and
+the camera's tone curve (`tone`) if the picture shows one. The information matrix is that of the
+pose after all other parameters are eliminated.
 
 `square_fit.SquarePrint` and `whycode_print.WhyCodePrint` are the prints; `print_edges` is the fit
 for light that this model does not explain.
@@ -13,7 +13,8 @@ for light that this model does not explain.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from landerd.vision.arrays import Image
 from landerd.vision.blurred_print import BlurredPrint
 from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.linear import inverse, outer, solved
-from landerd.vision.patch import Patch, marker_patch, on_plane, pose_slope
+from landerd.vision.patch import CLIPPED, Patch, marker_patch, on_plane, pose_slope
 from landerd.vision.pose import EQUAL_NORMALS_COS, Pose
 from landerd.vision.square_pose import corner_information, square_points
 from landerd.vision.tone import LINEAR, TONE_SIGMA, TONES, bounded, edge_shift, toned
@@ -59,6 +60,15 @@ _READ_NOISE = 1.0  # least sigma of a residual, grey levels
 _SHIFT_BIAS = 0.2  # error of a tone curve's shift of edges, a share of it: no curve is a cubic
 # Error of the corners over the root of the blur beyond a sharp lens's: that is no Gaussian.
 _UNSHARP_BIAS = 0.05
+# ---- white over full scale ---------------------------------------------------------------------
+_FULL_SCALE = 254.5  # grey level at which the model is clipped; noise darkens what is clipped
+_WHITE_START = 2.0  # first contrast over that of clipped white
+_CLIPPED_TONE_CHI2 = 150.0  # as _TONE_CHI2: where clipped, no curve at all changes it by up to this
+# Least blur of single pixels of a large marker, over that of a sharp lens: that of the samples.
+_LEAST_BLUR = 0.6
+# Error of the shift of clipped edges, a share of it: no lens blurs like a Gaussian.
+_CLIPPED_SHIFT_BIAS = 0.1
+
 # Share of the pixels' variance: a fit that explains less is no better than the corners.
 MIN_EXPLAINED = 0.85
 # Errors of light, blur and motion in the model change the difference in chi-square of two poses as
@@ -122,6 +132,7 @@ class _NormalEquations:
     sigma: float  # of a residual, robust, grey levels
     matrix: F64  # information times sigma^2, (rows, rows)
     gradient: F64  # (rows,)
+    informs: NDArray[np.bool_]  # the model is not clipped there, (n,)
 
     def step(self, rows: int) -> F64:
         """Return the step (rows,) of the first rows, the others held.
@@ -164,8 +175,9 @@ class MarkerPrint:
         """Take the print.
 
         Args:
-            fine: samples (n, n) of the print and of the white round it, its centre in the middle:
-                1 white, 0 black, its top first.
+            fine: samples (2 n, 2 n) of the print and of the white round it, its centre in the
+                middle: 1 white, 0 black, its top first. For single pixels of a large marker; means
+                of four are used for other pixels.
             size: of the print, m.
             per_m: samples per metre.
             reach: how far from the centre print and image are compared, m.
@@ -173,9 +185,16 @@ class MarkerPrint:
         """
         self._size, self._reach, self._white = size, reach, white
         self._corners = square_points(size)
-        self._blurred = BlurredPrint(fine, per_m)
+        self._fine = fine
+        n = fine.shape[0] // 2
+        self._blurred = BlurredPrint(fine.reshape(n, 2, n, 2).mean(axis=(1, 3)), 0.5 * per_m)
         self._blur = 1.0  # of the last fit: the next one's is likely similar
         self._tone = LINEAR  # of the camera, as far as it is known
+
+    @cached_property
+    def _finer(self) -> BlurredPrint:
+        """The print with all its samples."""
+        return BlurredPrint(self._fine, 2.0 * self._blurred.per_m)
 
     def fit(
         self,
@@ -216,9 +235,13 @@ class MarkerPrint:
 
     def _fitted(self, patch: Patch, start: Pose, blur: float, has_rival: bool) -> Fit | None:
         """Return the fit from a start, with a blur in a sharp lens's; None if there is none."""
-        light, was_toned = _first_light(patch.grey), bool(self._tone.any())
+        light, tone = _first_light(patch.grey), self._tone
+        if patch.is_clipped:
+            tone = LINEAR
+            if light[0] + light[1] >= CLIPPED:
+                light[1] *= _WHITE_START
         corners = self.corner_rays(start)
-        estimate = _Estimate(start, corners, blur * patch.blur, light, self._tone, was_toned)
+        estimate = _Estimate(start, corners, blur * patch.blur, light, tone, bool(tone.any()))
         equations = self._descended(patch, estimate, has_rival)
         return None if equations is None else self._judged(patch, estimate, equations)
 
@@ -248,8 +271,16 @@ class MarkerPrint:
         """Move an estimate until it fits; return the last step's equations; None: it failed."""
         J = np.empty((_ROWS, len(patch.grey)))
         equations = None
+        # Until the fit knows how far white is over full scale, this looks like a tone curve.
+        toned_px, toned_chi2 = (
+            (_CONVERGED_PX, _CLIPPED_TONE_CHI2)
+            if patch.is_clipped
+            else (_LEARN_BLUR_PX, _TONE_CHI2)
+        )
         for _ in range(_MAX_STEPS):
             residual = self._linearise(patch, estimate, J)
+            if not J[_LIGHT.start].any():  # all is clipped
+                return None
             equations = _normal_equations(J, residual, estimate.tone)
             try:
                 step = equations.step(estimate.rows)
@@ -262,8 +293,8 @@ class MarkerPrint:
                 return None
             # Not of the blur: its step has no effect until the print is blurred anew.
             reduction = float(step @ equations.gradient - step[_BLUR] * equations.gradient[_BLUR])
-            if motion_px < _LEARN_BLUR_PX and not estimate.is_toned:
-                estimate.is_toned = equations.tone_gain() > _TONE_CHI2
+            if motion_px < toned_px and not estimate.is_toned:
+                estimate.is_toned = equations.tone_gain() > toned_chi2
                 if estimate.is_toned:
                     continue
             is_done = reduction < _CONVERGED * equations.sigma**2 and (
@@ -276,10 +307,11 @@ class MarkerPrint:
     def _linearise(self, patch: Patch, estimate: _Estimate, J: F64) -> F64:
         """Write the derivatives (rows, n) of the model's grey levels; return the residual (n,)."""
         pose, light = estimate.pose, estimate.light
-        spread = _on_print(self._blurred.per_m * patch.pixel, pose)
-        layers = self._blurred.layers(estimate.blur * spread, estimate.blur)
+        blurred = self._finer if patch.is_thinned else self._blurred
+        spread = _on_print(blurred.per_m * patch.pixel, pose)
+        layers = blurred.layers(estimate.blur * spread, estimate.blur)
         north, east = on_plane(patch.rays, pose)
-        value, slope_n, slope_e, J[_BLUR] = self._blurred.at(layers, north, east)
+        value, slope_n, slope_e, J[_BLUR] = blurred.at(layers, north, east)
         shade = 1.0 + light[2] * patch.x + light[3] * patch.y
         value, slope, by_tone = toned(value, estimate.tone)
         level = light[0] + light[1] * value
@@ -293,7 +325,11 @@ class MarkerPrint:
         np.multiply(shade, value, out=difference)
         np.multiply(patch.x, level, out=along_x)
         np.multiply(patch.y, level, out=along_y)
-        residual: F64 = patch.grey - shade * level
+        grey = shade * level
+        if patch.is_clipped:
+            over = grey > _FULL_SCALE
+            grey[over], J[:, over] = _FULL_SCALE, 0.0
+        residual: F64 = patch.grey - grey
         return residual
 
     def _move(self, patch: Patch, estimate: _Estimate, step: NDArray[np.floating]) -> float:
@@ -305,7 +341,8 @@ class MarkerPrint:
         estimate.pose, estimate.corners = moved, corners
         if motion_px < _LEARN_BLUR_PX:
             blur = estimate.blur
-            estimate.blur = min(max(blur + float(step[_BLUR]), 0.5 * blur, 0.05), 2.0 * blur)
+            least = _LEAST_BLUR * patch.blur if patch.is_thinned else 0.05
+            estimate.blur = min(max(blur + float(step[_BLUR]), 0.5 * blur, least), 2.0 * blur)
         estimate.light = estimate.light + step[_LIGHT]
         estimate.tone = bounded(estimate.tone + step[_TONE])
         return motion_px
@@ -317,7 +354,9 @@ class MarkerPrint:
         bias = patch.bias + _UNSHARP_BIAS * math.sqrt(excess)
         squares = float(weight @ equations.residual**2)
         pixels = float(weight.sum())
-        left = squares / max(1.0, pixels - _ROWS)
+        informing = weight * equations.informs
+        left = float(informing @ equations.residual**2)
+        left /= max(1.0, float(informing.sum()) - _ROWS)
         variance = max(_READ_NOISE**2, left)
         correlation = _correlation(equations)
         # Of residuals alike to either side and up and down, so many are one.
@@ -326,6 +365,8 @@ class MarkerPrint:
             scatter = _scatter(patch, weight)
             matrix = equations.matrix[: estimate.rows, : estimate.rows]
             shift = _SHIFT_BIAS * edge_shift(estimate.tone, estimate.blur)
+            if patch.is_clipped:
+                shift = math.hypot(shift, _CLIPPED_SHIFT_BIAS * _clipped_shift(estimate))
             information = self._information(
                 matrix,
                 max(variance, together * left),
@@ -360,7 +401,10 @@ class MarkerPrint:
             return 0.0
         light = estimate.light
         shade = 1.0 + light[2] * patch.x + light[3] * patch.y
-        off = residual[telling] / np.maximum(light[1] * shade[telling], 1e-9)
+        contrast = light[1] * shade[telling]
+        if patch.is_clipped:
+            contrast = np.minimum(contrast, _FULL_SCALE - light[0] * shade[telling])
+        off = residual[telling] / np.maximum(contrast, 1e-9)
         turned = min(np.count_nonzero(off > _TURNED), np.count_nonzero(off < -_TURNED))
         return turned / len(off)
 
@@ -411,9 +455,10 @@ def _first_light(grey: F64) -> F64:
 
 
 def _normal_equations(J: F64, residual: F64, tone: F64) -> _NormalEquations:
-    n = len(residual)
     size = np.abs(residual)
-    sigma = max(_READ_NOISE, SIGMA_PER_MAD * float(np.partition(size, n // 2)[n // 2]))
+    informs = J[_LIGHT.start] != 0.0
+    n = np.count_nonzero(informs)
+    sigma = max(_READ_NOISE, SIGMA_PER_MAD * float(np.partition(size[informs], n // 2)[n // 2]))
     weight = np.minimum(1.0, _ROBUST_SIGMAS * sigma / np.maximum(size, 1e-9))
     JW = J * weight
     matrix = JW @ J.T
@@ -421,7 +466,7 @@ def _normal_equations(J: F64, residual: F64, tone: F64) -> _NormalEquations:
     matrix *= _DAMPED
     matrix += sigma**2 * _PRIOR
     gradient[_TONE] -= sigma**2 * TONE_SIGMA**-2 * tone
-    return _NormalEquations(residual, weight, sigma, matrix, gradient)
+    return _NormalEquations(residual, weight, sigma, matrix, gradient, informs)
 
 
 def ranked(fits: list[Fit]) -> list[Pose]:
@@ -443,9 +488,17 @@ def per_pixel(fit: Fit) -> float:
     return fit.squares / fit.pixels
 
 
+def _clipped_shift(estimate: _Estimate) -> float:
+    """Return by how much the middle of an edge beside clipped white is shifted, pixels."""
+    black, contrast = estimate.light[:2].tolist()
+    share = (_FULL_SCALE - black) / max(contrast, 1e-9)  # of the contrast, that is not clipped
+    share = min(max(share, 0.01), 1.0)
+    return NormalDist().inv_cdf(1.0 - 0.5 * share) * math.sqrt(estimate.blur)
+
+
 def _correlation(equations: _NormalEquations) -> float:
     """Return the correlation of residuals next to each other in a row: of what no model has."""
-    r = equations.residual * np.sqrt(equations.weight)
+    r = (equations.residual * np.sqrt(equations.weight))[equations.informs]
     return min(max(0.0, float(r[:-1] @ r[1:]) / max(float(r @ r), 1e-9)), _MAX_CORRELATION)
 
 

@@ -21,7 +21,7 @@ from landerd.vision.print_fit import MIN_EXPLAINED, Fit, MarkerPrint, per_pixel,
 from landerd.vision.square_edges import square_edges
 from landerd.vision.square_pose import planar_poses, poses_from_corners
 
-_PER_CELL = 6  # samples of the print along a cell
+_PER_CELL = 12  # samples of the print along a cell
 _MARGIN_CELLS = 2  # width of the white round the print
 # Width of it that is compared with the image, in cells, but no more than this share of the white
 # that the plate leaves: blur mixes the rest with the ground beyond.

@@ -10,9 +10,9 @@ from landerd.camera_model import F64
 from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, WhyCode
 from landerd.vision.print_fit import MarkerPrint
 
-_SAMPLES_PER_RADIUS = 48  # samples of the print per outer radius
-_OVERSAMPLING = 8  # points along each axis of which a sample is the mean
-_MARGIN_SAMPLES = 16  # samples of white round the print
+_SAMPLES_PER_RADIUS = 96  # samples of the print per outer radius
+_OVERSAMPLING = 4  # points along each axis of which a sample is the mean
+_MARGIN_SAMPLES = 32  # samples of white round the print
 # Print and image are compared between two distances from the centre, in outer radii. The white core
 # is left out, as another marker may stand there.
 _OUTER_REACH = 1.12
