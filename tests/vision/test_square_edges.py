@@ -25,6 +25,7 @@ CENTRE = np.array([*TAG.position_m, 0.0])
 BODY = np.array([-0.03, -0.02])  # its shadow's middle, from the tag's
 CHI2_999 = 16.3  # three degrees of freedom
 LIGHT_LEFT = 0.25  # in the sun's shadow
+NOISELESS = Optics(noise=0.0)
 
 
 def at(height: float) -> View:
@@ -99,9 +100,11 @@ def dirty(view: View, layout: PadLayout = THESIS_PAD) -> U8:
     return blotted(view, 0.1 * np.column_stack([np.cos(angles), np.sin(angles)]), layout)
 
 
-def blotted(view: View, blot: F64, layout: PadLayout) -> U8:
+def blotted(
+    view: View, blot: F64, layout: PadLayout = THESIS_PAD, optics: Optics = NOISELESS
+) -> U8:
     """Return a picture of a pad with a blot of an outline (n, 2), m from its tag's middle."""
-    image = render(view, CAMERA, Optics(noise=0.0), np.random.default_rng(7), layout)
+    image = render(view, CAMERA, optics, np.random.default_rng(7), layout)
     outline = np.column_stack([blot, np.zeros(len(blot))]) + CENTRE
     px = CAMERA.pixels(np.array(view.position) + outline @ view.R_camera_pad.T)
     cv2.fillPoly(image, [np.rint(px * 16.0).astype(np.int32)], 45.0, shift=4)
@@ -125,12 +128,8 @@ def test_another_tag_with_dirt_on_its_code_is_not_taken_for_the_pads(number: int
 
 def test_a_dark_leg_before_a_faint_tag_does_not_pull_its_fit_aside() -> None:
     view = look(CAMERA, 1.44, 0.81, pixel=(403.0, 429.0), heading=-1.32, tilt_towards=2.75)
-    faint = Optics(white=200.0, black=100.0, noise=2.0)
-    image = render(view, CAMERA, faint, np.random.default_rng(7))
     leg = np.array([(0.102, 0.059), (0.087, 0.001), (-0.504, 0.115), (-0.469, 0.25)])
-    outline = np.column_stack([leg, np.zeros(len(leg))]) + CENTRE
-    px = CAMERA.pixels(np.array(view.position) + outline @ view.R_camera_pad.T)
-    cv2.fillPoly(image, [np.rint(px * 16.0).astype(np.int32)], 40.0, shift=4)
+    image = blotted(view, leg, optics=Optics(white=200.0, black=100.0, noise=2.0))
     start = Pose(view.R_camera_pad, truth(view), np.zeros((6, 6)), 0.0)
     expected = start.moved(np.array([-0.004, 0.001, 0.002, -0.017, -0.029, -0.008]))
     fit = SquarePrint(TAG, printed_cells(TAG)).track(image, CAMERA, expected)

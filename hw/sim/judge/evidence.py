@@ -171,8 +171,7 @@ class Evidence:
             self.authority_lost_t = t
         if armed and not self.armed:
             # A new flight: an order that was on its way when the motors stopped is none of it.
-            self.touched = self.levelled = self.turned_over = False
-            self.on_ground_t = None
+            self._forget_contact()
         self.armed, self.guided, self._beat_t = armed, guided, t
 
     def on_rc(self, t: float, measured_t: float, message: mavlink.MAVLink_message) -> None:
@@ -455,14 +454,17 @@ class Evidence:
         elif self.climbs_since is None:
             self.climbs_since = t
 
+    def _forget_contact(self) -> None:
+        self.touched = self.levelled = self.turned_over = False
+        self.on_ground_t = None
+
     def _note_contact(self, order: Order) -> None:
         t, truth = order.t, order.truth
         self.touches_now = bool(truth.feet_down) and not self.touched
         if truth.feet_down:
             self.touched = True
         elif truth.height > self._b.commit_height_m:
-            self.touched = self.levelled = self.turned_over = False
-            self.on_ground_t = None
+            self._forget_contact()
         if self.touched and truth.tilt > _TURNS_OVER:
             self.turned_over = True
         if truth.feet_down < 3 or truth.slip > _STILL_MPS:

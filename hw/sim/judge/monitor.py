@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hw.sim.judge.bounds import RuleBounds
-from hw.sim.judge.evidence import Order
+from hw.sim.judge.evidence import BOUNCE_S, Order
 from hw.sim.judge.truth import Feet
 from hw.sim.physics.world import World
 from landerd.geometry import horizontal, norm
@@ -23,8 +23,7 @@ TIPPED_BY_OTHERS = "tipped over in the hands of others"
 TIPS_ON_DEG = 5.0  # a vehicle that leans against wind as it touches tips from there on
 TOUCHED_S = 1.0  # so long after a touch a tilt is that of a vehicle that tips over,
 CLIMBS_MPS = 0.5  # unless it climbs so fast with all feet up: then it leans as it flies
-BOUNCE_S = 0.1  # feet up for longer: the next touch is another contact
-HOP_S = 0.2  # feet up for longer: it flies, and does not lie there and hop
+ANOTHER_S = 0.1  # feet up for longer: the next touch is judged by itself
 # Flown by others, or by nobody after them, for longer they have tipped it over; or for so long
 # before the first foot was down, s: it is their stop that a pad that drives tips it over with.
 OTHERS_S, OTHERS_AIRBORNE_S = 1.0, 0.2
@@ -189,7 +188,7 @@ class SafetyMonitor:
         self._touched_t = t
         if t - before > TOUCHED_S:
             self._set_down_t = t
-        if t - before <= BOUNCE_S:
+        if t - before <= ANOTHER_S:
             return
         on_pad = world.vehicle.on_pad
         velocity = self._feet.touching_velocity() if on_pad else world.vehicle.velocity
@@ -240,7 +239,7 @@ class SafetyMonitor:
         if is_old and not (order.zero or order.level) and norm(vehicle.velocity) > MOVES_MPS:
             self._find(t, f"motion on a set-point older than {OLD_ORDER_S:g} s")
         # Of an old one the autopilot has made an end meanwhile.
-        may_sink = not is_old and order.sinks and t - self._touched_t > HOP_S
+        may_sink = not is_old and order.sinks and t - self._touched_t > BOUNCE_S
         low = may_sink and not world.is_above(LOW_M) and world.height < LOW_M
         if low and self.sinks and math.hypot(*world.offset) > ERROR_M:
             self._find(t, f"descends below {LOW_M:g} m, more than {ERROR_M:g} m off")
