@@ -559,10 +559,12 @@ def test_an_order_sets_exposure_and_gain_by_hand() -> None:
         assert source.values[fake.AUTOGAIN] == 0
         assert source.values[fake.EXPOSURE] == 40
         assert source.values[fake.GAIN] == 50  # two stops of four, in a range of 16
-        source.shoot(t=time.monotonic() - 0.05)
+        offset = asyncio.get_running_loop().time() - time.monotonic()
+        shot = time.monotonic() - 0.05
+        source.shoot(t=shot)
         frame = await driver.newest()
-        age = asyncio.get_running_loop().time() - frame.t
-        assert age == pytest.approx(0.05 - 0.002, abs=0.0015)  # the middle of the new exposure
+        # The middle of the new exposure.
+        assert frame.t == pytest.approx(shot + offset + 0.002, abs=0.0015)
 
     run(source, use)
 
@@ -602,10 +604,11 @@ def test_a_camera_that_refuses_its_gain_exposes_longer_and_is_dated_so(error: in
             driver.expose(ExposureOrder(0.015, 8.0))
             await carried_out()
         assert source.values[fake.EXPOSURE] == 300  # 30 ms of 33
-        source.shoot(t=time.monotonic() - 0.05)
+        offset = asyncio.get_running_loop().time() - time.monotonic()
+        shot = time.monotonic() - 0.05
+        source.shoot(t=shot)
         frame = await driver.newest()
-        age = asyncio.get_running_loop().time() - frame.t
-        assert age == pytest.approx(0.05 - 0.015, abs=0.0015)
+        assert frame.t == pytest.approx(shot + offset + 0.015, abs=0.0015)
 
     driver = run(source, use, exposure_s=0.004)
     told = [remark for remark in driver.remarks if remark.startswith("gain: it takes no orders")]
