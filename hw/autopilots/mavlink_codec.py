@@ -29,7 +29,7 @@ class MavlinkCodec:
     Attributes:
         counters: "garbled bytes": bytes skipped; "unknown": what in these looked like messages
             that the dialect does not have; "badly signed": messages with a wrong signature or,
-            though it is required, without one; "messages lost": gaps in the senders' sequence
+            though it is required, without one; "messages lost": gaps in an autopilot's sequence
             numbers.
     """
 
@@ -120,6 +120,8 @@ class MavlinkCodec:
 
     def _note_sequence(self, message: Message) -> None:
         source = (message.get_srcSystem(), message.get_srcComponent())
+        if source[1] != mavlink.MAV_COMP_ID_AUTOPILOT1:
+            return  # the autopilot passes on only some messages of ground stations and others
         seq = message.get_seq()
         missed = (seq - self._last_seq.get(source, seq - 1) - 1) & 0xFF
         if missed < 128:  # otherwise it is an older message that was overtaken

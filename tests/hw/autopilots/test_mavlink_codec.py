@@ -88,6 +88,14 @@ def test_lost_messages_are_counted_across_the_wrap_of_the_sequence() -> None:
     assert codec.counters["messages lost"] == 11
 
 
+def test_messages_that_a_ground_station_sends_to_the_autopilot_alone_are_not_lost() -> None:
+    station, codec = MavlinkCodec(255, 190), MavlinkCodec(1, 191)
+    sent = [station.encode(attitude(n)) for n in range(40)]
+    # The autopilot passes on broadcasts, as each tenth may be, and keeps what is for itself.
+    assert boot_times(codec.decode(b"".join(sent[::10]))) == [0, 10, 20, 30]
+    assert codec.counters["messages lost"] == 0
+
+
 def test_what_was_sent_while_the_link_was_closed_is_not_called_lost() -> None:
     codec, sent = MavlinkCodec(255, 190), frames(40)
     codec.decode(sent[0] + sent[1][:5])
