@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS = 1
 PYTEST := $(BIN)/python -m pytest -n 3 --dist worksteal
 
-.PHONY: sim test test-long test-devices check reference docs bench bench-vision mutants fuzz golden clean
+.PHONY: sim test test-long test-devices check reference docs bench bench-vision soak mutants fuzz golden clean
 
 sim: $(SETUP)  ## fly one landing in the simulator and draw it
 	$(BIN)/landerd sim --picture landing.png
@@ -29,7 +29,7 @@ check: $(SETUP)  ## lint, format, types, imports, all tests
 	$(PYTEST)
 
 bench: $(SETUP)  ## print the figures quoted in docs
-	for file in $(filter-out bench/vision_% bench/dry_runs.py bench/peers.py,$(wildcard bench/*.py)); do \
+	for file in $(filter-out bench/vision_% bench/dry_runs.py bench/peers.py bench/soak.py,$(wildcard bench/*.py)); do \
 		echo "== $$file"; PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
 
@@ -39,6 +39,9 @@ bench-vision: $(SETUP)  ## detectors on made images, beside the AprilTag 3 libra
 	for file in $(filter-out bench/vision_photos.py,$(wildcard bench/vision_*.py)); do \
 		echo "== $$file"; PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
+
+soak: $(SETUP)  ## one daemon for a day of landings: does it leak? (takes two to four hours)
+	PYTHONPATH=. $(BIN)/python -m bench.soak
 
 test-devices:  ## drivers and service against a real kernel and systemd, in a virtual machine
 	tests/devices/run.sh
