@@ -517,10 +517,18 @@ MUTANTS = [
     Mutant(
         "4: a heaving deck keeps it from being levelled",
         TOUCHDOWN,
-        "LIFTS_MPS + motion.fastest_heave",
+        "LIFTS_MPS + deck_mps",
         "LIFTS_MPS",
         "guidance/test_touchdown.py"
         "::test_a_deck_that_heaves_carries_a_vehicle_up_and_it_is_levelled_all_the_same",
+    ),
+    Mutant(
+        "4: a deck that begins to heave after the touch keeps it from being levelled",
+        TOUCHDOWN,
+        "max(motion.fastest_heave, -motion.heave)",
+        "motion.fastest_heave",
+        "guidance/test_touchdown.py"
+        "::test_a_deck_that_begins_to_heave_after_the_touch_carries_it_up_too",
     ),
     Mutant(
         "aim: a pad that stopped is not looked for behind",

@@ -127,8 +127,9 @@ FASTEST_HEAVE_MPS = 0.6
 LIFTS_S = 0.15
 # A vehicle levelled just as its thrust came back lifts all the same, and would fall beside the pad.
 # One that has risen by this since it touched, m, and rises by this, m/s, faster than its deck ever
-# did flies on: one of 1.5 m/s^3 that waved off as it touched rose so gently to 0.2 m that it seemed
-# to stand still, and was levelled there. Telemetry whose height alone is wrong does not show both.
+# did and does now flies on: one of 1.5 m/s^3 that waved off as it touched rose so gently to 0.2 m
+# that it seemed to stand still, and was levelled there. Telemetry whose height alone is wrong does
+# not show both.
 LIFTED_M, LIFTS_MPS = 0.08, 0.15
 # Levelled for longer than this, s, it has no thrust that could lift it: its pad is lifted. Given
 # thrust again on one that went up for 1.9 s it was not disarmed in time after ON_GROUND.
@@ -461,7 +462,8 @@ class Touchdown:
         """
         self._lowest_down = max(self._lowest_down, motion.foot_down)
         risen_m = self._lowest_down - motion.foot_down
-        rises = risen_m > LIFTED_M and -motion.sink_rate > LIFTS_MPS + motion.fastest_heave
+        deck_mps = max(motion.fastest_heave, -motion.heave)
+        rises = risen_m > LIFTED_M and -motion.sink_rate > LIFTS_MPS + deck_mps
         return rises and now - self._level_since < THRUST_GONE_S
 
     def _is_pressed(self, now: float, motion: ContactMotion, ordered: float) -> bool:

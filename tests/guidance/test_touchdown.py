@@ -271,6 +271,13 @@ def test_a_deck_that_heaves_carries_a_vehicle_up_and_it_is_levelled_all_the_same
     assert any(standing.level(1.0, sinks=-0.2, sink_rate=-0.2, heave=-0.2, fastest_heave=0.2))
 
 
+def test_a_deck_that_begins_to_heave_after_the_touch_carries_it_up_too() -> None:
+    """Once, it counted as lifted off every half second, and was disarmed 1.5 s late."""
+    standing = Standing()
+    assert any(standing.level(1.0, sinks=-0.2, sink_rate=-0.2, heave=-0.2, sigma_heave=0.09))
+    assert standing.touchdown.disarm_due(standing.t, Landed.ON_GROUND)
+
+
 def test_it_stands_level_soon_after_contact_and_stays_so() -> None:
     standing = Standing()
     assert not any(standing.level(0.5))
