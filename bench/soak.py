@@ -96,7 +96,7 @@ class Soak:
         self.recorder = Recorder(
             Head(config, layout, camera_model),
             config.log.model_copy(update={"images": "none", "most_mb": MOST_LOGS_MB}),
-            self.folder / "flight.mcap",
+            self.folder,
             background=False,
             mavlink=TlogEncoder,
         )
