@@ -31,6 +31,8 @@ class Orders:
         self._now = -math.inf
         self._dt = 0.0
         self._setpoint_t = -math.inf  # of the last set-point
+        # Time of the last set-point before a stop, s, and its sink rate, m/s.
+        self._before_stop = (-math.inf, 0.0)
         self._said: dict[str, float] = {}  # when each line was told last
         self._news: tuple[Severity, str] | None = None  # of phase or reason, not told yet
 
@@ -56,9 +58,18 @@ class Orders:
         return self._now - self._setpoint_t <= CONTINUE_S and self.velocity[2] < 0.0
 
     def go_on_from(self, velocity: Vec3) -> None:
-        """Begin at this velocity (local NED, m/s), unless there was a set-point a moment ago."""
-        if self._now - self._setpoint_t > CONTINUE_S:
-            self._limiter.reset(velocity)
+        """Begin at this velocity (local NED, m/s), unless there was a set-point a moment ago.
+
+        Where a stop was between, begin to sink no faster than was ordered before it: a vehicle lags
+        behind its orders, and with a switch that flickers it would not brake its descent.
+        """
+        if self._now - self._setpoint_t <= CONTINUE_S:
+            return
+        north, east, down = velocity
+        stopped_t, sink_rate = self._before_stop
+        if self._now - stopped_t <= CONTINUE_S:
+            down = min(down, max(0.0, sink_rate))
+        self._limiter.reset((north, east, down))
 
     def fly(self, velocity: Vec3, yaw_rate: float, *, may_descend: bool) -> None:
         """Order a velocity (local NED, m/s) and a yaw rate (rad/s), within the limits.
@@ -88,6 +99,8 @@ class Orders:
 
         Set-points that follow begin at the vehicle's velocity: it may not have stopped yet.
         """
+        if self._setpoint_t > -math.inf:
+            self._before_stop = (self._setpoint_t, self.velocity[2])
         self._setpoint_t = -math.inf
         self.commands.append(self._limiter.stop())
 

@@ -103,6 +103,32 @@ def test_after_a_stop_orders_go_on_from_the_velocity_still_flown() -> None:
     assert orders.velocity[0] == 3.0
 
 
+def test_stopped_for_a_moment_it_goes_on_braking_its_descent() -> None:
+    """Once, with a switch that flickered, it came down at 1 m/s to 1.4 m: each stop sped it up."""
+    orders = begun(10.0)
+    orders.go_on_from((0.0, 0.0, 1.0))
+    orders.fly((0.0, 0.0, 0.5), 0.0, may_descend=True)
+    ordered = orders.velocity[2]
+    for tick in range(1, 20, 2):
+        orders.begin(10.0 + tick * DT, DT)
+        orders.stop()
+        orders.begin(10.0 + (tick + 1) * DT, DT)
+        orders.go_on_from((0.0, 0.0, 1.0))  # it lags behind
+        orders.fly((0.0, 0.0, 0.5), 0.0, may_descend=True)
+        assert orders.velocity[2] < ordered
+        ordered = orders.velocity[2]
+
+
+def test_stopped_for_long_it_goes_on_from_the_descent_still_flown() -> None:
+    orders = begun(10.0)
+    orders.fly((0.0, 0.0, 0.0), 0.0, may_descend=False)
+    orders.begin(10.0 + DT, DT)
+    orders.stop()
+    orders.begin(11.0, DT)
+    orders.go_on_from((0.0, 0.0, 0.3))
+    assert orders.velocity[2] == 0.3
+
+
 def test_the_order_to_stand_level_sets_the_velocity_to_zero() -> None:
     orders = begun()
     orders.go_on_from((3.0, 0.0, 0.5))
