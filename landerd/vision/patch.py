@@ -38,6 +38,8 @@ _EDGE_BIAS_PX = 0.006
 # Gaussian, and no light is quite linear.
 _REDUCED_BIAS_PX = 0.001
 
+# Grey level at which models are clipped; noise darkens what is clipped.
+FULL_SCALE = 254.5
 # White is over full scale if more than a share of the pixels is at least this bright: noise and
 # JPEG lower some. A mean of clipped pixels is not that of the light: of a large marker some single
 # pixels are fitted then, up to so many on edges and off them. A pixel is on an edge if its
@@ -104,7 +106,7 @@ def marker_patch(
     widest = white * camera.focal / max(float(pose.t[2]), MIN_DEPTH_M)
     reduce = reduction or _reduction(px, low, high, widest)
     box = image[low[1] : high[1], low[0] : high[0]]
-    is_clipped = bool(np.count_nonzero(box >= CLIPPED) > _CLIPPED_SHARE * box.size)
+    is_clipped = is_white_clipped(box)
     step = 1 if is_clipped else reduce
     size = (int(high[0] - low[0]) // step, int(high[1] - low[1]) // step)
     if min(size) < _MIN_SIDE_PX:
@@ -132,6 +134,11 @@ def marker_patch(
         reduction=reduce,
         is_clipped=is_clipped,
     )
+
+
+def is_white_clipped(grey: Image) -> bool:
+    """Tell whether white is over full scale by grey levels of any shape."""
+    return bool(np.count_nonzero(grey >= CLIPPED) > _CLIPPED_SHARE * grey.size)
 
 
 def _thinned(crop: Image) -> NDArray[np.intp]:

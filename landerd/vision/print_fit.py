@@ -24,7 +24,7 @@ from landerd.vision.arrays import Image
 from landerd.vision.blurred_print import BlurredPrint
 from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.linear import inverse, outer, solved
-from landerd.vision.patch import CLIPPED, Patch, marker_patch, on_plane, pose_slope
+from landerd.vision.patch import CLIPPED, FULL_SCALE, Patch, marker_patch, on_plane, pose_slope
 from landerd.vision.pose import EQUAL_NORMALS_COS, Pose
 from landerd.vision.square_pose import corner_information, square_points
 from landerd.vision.tone import LINEAR, TONE_SIGMA, TONES, bounded, edge_shift, toned
@@ -61,7 +61,6 @@ _SHIFT_BIAS = 0.2  # error of a tone curve's shift of edges, a share of it: no c
 # Error of the corners over the root of the blur beyond a sharp lens's: that is no Gaussian.
 _UNSHARP_BIAS = 0.05
 # ---- white over full scale ---------------------------------------------------------------------
-_FULL_SCALE = 254.5  # grey level at which the model is clipped; noise darkens what is clipped
 _WHITE_START = 2.0  # first contrast over that of clipped white
 _CLIPPED_TONE_CHI2 = 150.0  # as _TONE_CHI2: where clipped, no curve at all changes it by up to this
 # Least blur of single pixels of a large marker, over that of a sharp lens: that of the samples.
@@ -327,8 +326,8 @@ class MarkerPrint:
         np.multiply(patch.y, level, out=along_y)
         grey = shade * level
         if patch.is_clipped:
-            over = grey > _FULL_SCALE
-            grey[over], J[:, over] = _FULL_SCALE, 0.0
+            over = grey > FULL_SCALE
+            grey[over], J[:, over] = FULL_SCALE, 0.0
         residual: F64 = patch.grey - grey
         return residual
 
@@ -403,7 +402,7 @@ class MarkerPrint:
         shade = 1.0 + light[2] * patch.x + light[3] * patch.y
         contrast = light[1] * shade[telling]
         if patch.is_clipped:
-            contrast = np.minimum(contrast, _FULL_SCALE - light[0] * shade[telling])
+            contrast = np.minimum(contrast, FULL_SCALE - light[0] * shade[telling])
         off = residual[telling] / np.maximum(contrast, 1e-9)
         turned = min(np.count_nonzero(off > _TURNED), np.count_nonzero(off < -_TURNED))
         return turned / len(off)
@@ -491,7 +490,7 @@ def per_pixel(fit: Fit) -> float:
 def _clipped_shift(estimate: _Estimate) -> float:
     """Return by how much the middle of an edge beside clipped white is shifted, pixels."""
     black, contrast = estimate.light[:2].tolist()
-    share = (_FULL_SCALE - black) / max(contrast, 1e-9)  # of the contrast, that is not clipped
+    share = (FULL_SCALE - black) / max(contrast, 1e-9)  # of the contrast, that is not clipped
     share = min(max(share, 0.01), 1.0)
     return NormalDist().inv_cdf(1.0 - 0.5 * share) * math.sqrt(estimate.blur)
 

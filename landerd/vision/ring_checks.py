@@ -93,7 +93,8 @@ def is_poor(fit: RingFit) -> bool:
 def may_be_behind(plain: RingFit) -> bool:
     """Tell whether a camera's response may explain what a plain fit leaves over."""
     is_near = plain.noise < _MAX_PLAIN_NOISE * plain.contrast
-    return plain.response is None and is_near and plain.coherent < _MAX_PLAIN_COHERENT
+    is_plain = plain.response is None and plain.is_told is None
+    return is_plain and is_near and plain.coherent < _MAX_PLAIN_COHERENT
 
 
 def may_have_edges(plain: RingFit, share: float) -> bool:

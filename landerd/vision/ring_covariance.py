@@ -32,6 +32,9 @@ _DISTINCT_TILT_SIGMAS = 7.0
 # Error that motion during the exposure leaves, over the path of the image: no motion is exactly
 # straight and even.
 _PATH_BIAS = 0.001
+# Error from side to side that the shape of the blur leaves where white is clipped, px: no lens
+# blurs evenly to all sides, and only the dark side of each edge is seen.
+_CLIPPED_BIAS_PX = 0.01
 
 
 def pose_uncertainty(
@@ -56,7 +59,7 @@ def pose_uncertainty(
         weighted: residuals times their weights, (n,).
         rays: of the pixels on z = 1, (2, n).
         shift: returns what to add to the covariance of the position, (3, 3), m^2, for an
-            unexplained shift of both edges and for motion.
+            unexplained shift of both edges, for motion and for clipped white.
     """
     t, axes = plane
     gain = C[_POSE, 1:] - outer(C[_POSE, RATIO], C[RATIO, 1:] / C[RATIO, RATIO])
@@ -139,6 +142,16 @@ def motion_covariance(position: F64, radius: float, path: float) -> F64:
     distance = length(position)
     along = outer(position, position) * (off * distance / radius) ** 2
     return along + np.eye(3) * (off * distance) ** 2
+
+
+def clipped_covariance(position: F64, focal: float) -> F64:
+    """Return what clipped white adds to a covariance of the position (3, 3), m^2.
+
+    Args:
+        position: of the ring's centre, camera frame, m, (3,).
+        focal: focal length, px.
+    """
+    return np.eye(3) * (_CLIPPED_BIAS_PX / focal * length(position)) ** 2
 
 
 def frontal_inflation(covariance: F64, sight: F64) -> F64:

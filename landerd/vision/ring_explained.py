@@ -107,6 +107,10 @@ _MIN_SHIFT_PX, _MIN_SHIFT_BLURS, _MIN_CLIPPED_SHIFT_BLURS = -0.1, 0.6, 0.15
 # Least shift of rings with a shorter radius below the first, px, as a share of the radius: a larger
 # one could be that of another ratio's edges.
 _SMALL_PX, _MIN_SMALL_SHIFT = 6.5, -0.015
+# Largest blur of a fit to grey levels beside clipped white, over that of the edges: what is left of
+# an edge looks sharper than it is. White 1.05 to 4 times over full scale reaches 1.5; rings of
+# ratio 0.46 to 0.52 there need 1.6 to 3 to look like ours.
+_CLIPPED_BLURS = 1.55
 # Grey level from which on white counts as clipped: full scale is 255, in video of limited range
 # 235, and tone mapping compresses it.
 _CLIPPED = 230.0
@@ -372,9 +376,9 @@ def edges_contradict(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -
     with a hole 0.6.
     """
     e = edge_fit(image, camera, ring, (fit.position, fit.normal))
-    if e is None:
+    if e is None or _share(e) < _VOUCHED or (min(e.support) > _MIN_EITHER and e.ridge > _MAX_RIDGE):
         return True
-    return _share(e) < _VOUCHED or (min(e.support) > _MIN_EITHER and e.ridge > _MAX_RIDGE)
+    return fit.is_told is not None and fit.blur_px > _CLIPPED_BLURS * e.blur_px
 
 
 def is_ring_by_edges(e: RingEdgeFit, share: float = 1.0) -> bool:

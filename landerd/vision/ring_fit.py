@@ -1,9 +1,9 @@
 """Fit of a ring's pose to the grey levels near its two edges.
 
-Gauss-Newton on centre, normal, blur, levels and light gradient of a `RingModel`, and on motion or
-the camera's response where asked for, with robust weights against what the model leaves out
-(occlusion, the plate's edge). `ring_fit_stages` says which pixels and starts a fit gets,
-`ring_checks` what it must show to be a ring's.
+Gauss-Newton on centre, normal, blur, levels and light of a `RingModel`, and on motion or the
+camera's response where asked for, with robust weights against what the model leaves out (occlusion,
+the plate's edge). `ring_fit_stages` says which pixels and starts a fit gets, `ring_checks` what it
+must show to be a ring's.
 
 Several starts are fitted side by side: arrays have one row for each. "Noise" is the robust sigma of
 the residuals.
@@ -25,13 +25,16 @@ from landerd.pad import Ring
 from landerd.vision.arrays import F32, Mask
 from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.linear import length
+from landerd.vision.patch import FULL_SCALE
 from landerd.vision.pose import vec3
 from landerd.vision.ring_covariance import (
+    clipped_covariance,
     motion_covariance,
     pose_uncertainty,
     shift_covariance,
 )
 from landerd.vision.ring_model import (
+    ASTIGMATISM,
     BLUR,
     HEIGHTS,
     INSIDE,
@@ -53,6 +56,12 @@ _MAX_MOTION_PX = 30.0  # components of the path along x and y
 # rings are supersampled; below the second, another step is not worth its time.
 _SUPERSAMPLED_BELOW = 30.0
 _CONVERGED = 1.0
+# Where white is clipped: first contrast over that of clipped white, factor on the number of steps,
+# and on the blur's variance in one step at most. The fit has to learn how far white is over full
+# scale together with the blur.
+_WHITE_START = 2.0
+_CLIPPED_STEPS = 2
+_BLUR_STEP = 2.0
 # A start whose noise is more than this times the least of all starts is not fitted further: it will
 # not become the best.
 _RIVAL_NOISE = 1.5
@@ -63,10 +72,13 @@ _ROBUST_SIGMAS = 3.0  # residuals beyond it count less (Geman and McClure's weig
 # say: E[psi^2] / E[psi']^2 over E[w r^2] / E[w]^2, psi = w r (Huber, "Robust Statistics", 1981,
 # section 6.3).
 _ROBUST_VARIANCE = 1.27
-# Sigma of the difference between the white inside and around, as a share of white; and the least
-# white that it is taken of, grey levels.
+# Sigma of the difference between the white inside and around, as a share of white; the same where
+# clipped white makes the light's curvature a parameter, with sigma of that, a share in one radius;
+# and the least white, grey levels, that the difference is taken of.
 _PAPER_SIGMA = 0.06
+_EVEN_PAPER_SIGMA, _CURVATURE_SIGMA = 0.02, 0.03
 _LEAST_WHITE = 10.0
+_ASTIGMATISM_SIGMA = 0.3  # px^2
 _TILT_STEP = 0.2  # rad: steps of the tilt are damped as if it were known to this
 _DEPTH_STEP, _ASIDE_STEP = 0.25, 0.3  # longest steps: a share of the depth; aside, in radii
 _MIN_RANGE_M = 0.02  # least depth that a step may lead to
@@ -96,6 +108,9 @@ class RingFit:
     sigma_ratio: float
     response_chi2: float = 0.0  # chi-square of `response` against a linear camera's
     residual: F32 | None = None  # (n,), grey levels
+    # Which of them tell something, (n,): the others are clipped, as they should be. None: white was
+    # not clipped in the model.
+    is_told: Mask | None = None
     response: F64 | None = None  # the camera's, see `ring_response`; None: not fitted
     # `ring_residuals.coherent_residual`, computed on demand: a clear ring's is not asked for.
     coherence: Callable[["RingFit"], float] = lambda _: math.inf
@@ -140,8 +155,9 @@ class _Estimate:
     # times as long on single vectors.
     t: list[Vec3]
     normal: list[Vec3]
-    # (starts, rows - 1): blur, levels, motion or response, and light as `RingModel` takes them.
-    # The columns of ratio and pose stay 0: the ratio is held, the pose is in t and normal.
+    # (starts, rows - 1): blur, levels, motion, response or astigmatism, and light as `RingModel`
+    # takes them. The columns of ratio and pose stay 0: the ratio is held, the pose is in t and
+    # normal.
     parameters: F64
 
 
@@ -179,6 +195,8 @@ def fit_ring(
     motion_px: Sequence[F64] | None = None,
     response: F64 | None = None,
     coherence: Callable[[RingFit], float] = lambda _: math.inf,
+    *,
+    is_clipped: bool = False,
 ) -> list[RingFit]:
     """Return the fits from starts within about two pixels, best first; failed ones are left out.
 
@@ -192,15 +210,32 @@ def fit_ring(
             the image stands still.
         response: the camera's response (3,) to start from; None: it is linear and not fitted.
         coherence: see `RingFit`.
+        is_clipped: whether the model clips white; not together with motion or a response.
     """
-    model = RingModel(pixels, starts[0][0], ring, motion_px, has_response=response is not None)
+    model = RingModel(
+        pixels,
+        starts[0][0],
+        ring,
+        motion_px,
+        has_response=response is not None,
+        is_clipped=is_clipped,
+    )
     black, white = _levels(pixels.grey)
+    if is_clipped:
+        white = black + _WHITE_START * (white - black)
+        steps *= _CLIPPED_STEPS
     estimate = _first_estimate(model.rows, starts, (black, white), blur_px)
     if motion_px is not None:
         estimate.parameters[:, MOTION] = motion_px
     if response is not None:
         estimate.parameters[:, RESPONSE] = response
-    prior = _prior(model.rows - 1, max(white, _LEAST_WHITE), model.is_moving, model.has_response)
+    prior = _prior(
+        model.rows - 1,
+        max(white, _LEAST_WHITE),
+        model.is_moving,
+        model.has_response,
+        is_clipped,
+    )
     equations = _descended(model, prior, estimate, steps)
     return [] if equations is None else _ring_fits(model, estimate, equations, coherence)
 
@@ -250,23 +285,29 @@ def _first_estimate(
 
 
 @lru_cache
-def _prior(rows: int, white: float, is_moving: bool, has_response: bool) -> _Prior:
+def _prior(
+    rows: int, white: float, is_moving: bool, has_response: bool, is_clipped: bool
+) -> _Prior:
     """Return what is known of all rings, by the number of parameters and the white's grey level.
 
     Paper is equally white inside and around, which helps as far rings show little of their
-    surroundings. Motion is below 30 px. Tilts span about a radian, which helps near frontal view,
-    where they are hardly seen.
+    surroundings, and even more where that white is clipped. Motion is below 30 px. Tilts span
+    about a radian, which helps near frontal view, where they are hardly seen.
     """
     zero_mean = np.zeros((rows, rows))
-    zero_mean[HEIGHTS, HEIGHTS] = 1.0 / (_PAPER_SIGMA * white) ** 2
+    paper_sigma = _EVEN_PAPER_SIGMA if is_clipped else _PAPER_SIGMA
+    zero_mean[HEIGHTS, HEIGHTS] = 1.0 / (paper_sigma * white) ** 2
     held = np.full(rows, 1e-4)  # so that the matrix is never singular
     held[TILT] += 1.0
     held[BLUR] += 1e-3
-    held[-2:] += 1.0
+    held[-3 if is_clipped else -2 :] += 1.0
     if is_moving:
         zero_mean[MOTION, MOTION] = 1e-3 * np.eye(2)
     if has_response:
         zero_mean[RESPONSE, RESPONSE] = np.diag(RESPONSE_SIGMAS**-2)
+    if is_clipped:
+        zero_mean[-1, -1] = _CURVATURE_SIGMA**-2
+        zero_mean[ASTIGMATISM, ASTIGMATISM] = _ASTIGMATISM_SIGMA**-2 * np.eye(2)
     damping = np.zeros(rows)
     damping[TILT] = 1.0 / _TILT_STEP**2
     return _Prior(zero_mean + np.diag(held), zero_mean, np.diag(damping))
@@ -326,7 +367,10 @@ def _step(
     reduction: list[float] = ((step * b).sum(axis=1) / equations.variance[:, 0]).tolist()
     _move(estimate, equations.axes, step, model.ring.radius_m)
     p = estimate.parameters
+    blur = p[:, BLUR].copy()
     p[:, BLUR:] += step[:, BLUR - 1 :]
+    if model.is_clipped:
+        p[:, BLUR] = np.minimum(np.maximum(p[:, BLUR], blur / _BLUR_STEP), blur * _BLUR_STEP)
     p[:, BLUR] = np.minimum(np.maximum(p[:, BLUR], MIN_BLUR_PX**2), _MAX_BLUR_PX**2)
     if model.is_moving:
         p[:, MOTION] = np.clip(p[:, MOTION], -_MAX_MOTION_PX, _MAX_MOTION_PX)
@@ -402,6 +446,11 @@ def _ring_fit(
     t, parameters, radius = np.array(estimate.t[k]), estimate.parameters[k], model.ring.radius_m
     inside, outer, inner = parameters[INSIDE : HEIGHTS.stop].tolist()
     black, outside = inside + inner, inside + inner + outer
+    is_told = None
+    if model.is_clipped:
+        assert model.is_told is not None
+        inside, outside = min(inside, FULL_SCALE), min(outside, FULL_SCALE)
+        is_told = model.is_told[k] | (equations.squares[k] > 1.0)
     C = cv2.invert(equations.H[k])[1]  # numpy's own takes five times as long
     dof = float(equations.weight[k].sum()) - (model.rows - 2)
     scale = equations.products[k, -1, -1] / max(dof, 5.0)
@@ -422,7 +471,11 @@ def _ring_fit(
         equations.derivative[k, 1:],
         equations.weight[k] * equations.residual[k],
         model.pixels.rays[:2],
-        lambda: shift_covariance(t, ratio, off, sigma_off) + motion_covariance(t, radius, path),
+        lambda: (
+            shift_covariance(t, ratio, off, sigma_off)
+            + motion_covariance(t, radius, path)
+            + (clipped_covariance(t, model.pixels.focal) if model.is_clipped else 0.0)
+        ),
     )
     return RingFit(
         position=t,
@@ -441,6 +494,7 @@ def _ring_fit(
         ratio=ratio + off,
         sigma_ratio=sigma_off,
         residual=equations.residual[k],
+        is_told=is_told,
         response=response,
         response_chi2=chi2,
         coherence=coherence,

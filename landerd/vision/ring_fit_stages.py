@@ -8,6 +8,7 @@ checks of `ring_checks`.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -58,7 +59,7 @@ _PATH_DIRECTIONS = 4
 
 MAX_TILT_COS = math.cos(math.radians(25.0))  # pads that lean more are not landed on
 # Number of pixels that have the coherent part of their residuals in common, behind a response, in
-# shadow or in motion; motion adds those of its path.
+# shadow or in motion, or beside clipped white; motion adds those of its path.
 _ALIKE_PIXELS = 4.0
 _SHADOW_ROUNDS = 2  # the better the pose, the better the shadow's edge is found
 # A ring that the image's edge cuts is fitted again, at most so many times, if it moved by more than
@@ -111,27 +112,35 @@ def start_by_rough_fit(level: Level, candidate: Candidate, ring: Ring) -> Start 
 
 
 def full_fits(
-    image: U8, camera: CameraModel, ring: Ring, at: Start, response: F64 | None = None
+    image: U8,
+    camera: CameraModel,
+    ring: Ring,
+    at: Start,
+    response: F64 | None = None,
+    *,
+    clips: bool = True,
 ) -> list[RingFit]:
     """Return both poses fitted to the image, the better first; empty if the fits fail.
 
-    `response` is the camera's response to start from; None: it is linear.
+    `response` is the camera's response to start from; None: it is linear. With `clips` white over
+    full scale is clipped in the model.
     """
     start, blur = at.pose, at.blur_px
+    fitted = partial(_fits, image, camera, ring, effort=_FULL, response=response, clips=clips)
     band = max(_FULL_BAND_PX, _BAND_BLURS * blur)
-    fits = _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur, response)
+    fits = fitted(_with_mirror(start, ring), band, blur_px=blur)
     if fits and fits[0].blur_px > band:
         # Pixels within the blur show neither black nor white: any contrast explains them.
         start, blur = (fits[0].position, fits[0].normal), fits[0].blur_px
         band = _BAND_BLURS * blur
-        fits = _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur, response)
+        fits = fitted(_with_mirror(start, ring), band, blur_px=blur)
     for _ in range(_MOST_REFITS):
         if not fits or not is_dark_in_white(fits[0]):
             break
         if not is_off_cut(camera, ring, start, fits[0], _REFIT_PX):
             break
         start, blur = (fits[0].position, fits[0].normal), min(fits[0].blur_px, blur)
-        fits = _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur, response)
+        fits = fitted(_with_mirror(start, ring), band, blur_px=blur)
     return fits
 
 
@@ -187,10 +196,11 @@ def tracked_fits(
 
     `response` is the camera's response to start from; None: it is linear.
     """
-    fits = _fits(image, camera, ring, starts, TRACKED_BAND_PX, _TRACKED, _BLUR_PX, response)
+    fitted = partial(_fits, image, camera, ring, effort=_TRACKED, response=response, clips=True)
+    fits = fitted(starts, TRACKED_BAND_PX, blur_px=_BLUR_PX)
     if fits and fits[0].blur_px > TRACKED_BAND_PX:  # out of focus: blurred beyond the band
         poses, blur = [(f.position, f.normal) for f in fits], fits[0].blur_px
-        fits = _fits(image, camera, ring, poses, _BAND_BLURS * blur, _TRACKED, blur, response)
+        fits = fitted(poses, _BAND_BLURS * blur, blur_px=blur)
     return fits
 
 
@@ -262,11 +272,23 @@ def _fits(
     effort: _Effort,
     blur_px: float,
     response: F64 | None = None,
+    *,
+    clips: bool = False,
 ) -> list[RingFit]:
-    """Return the fits from some starts to the pixels near the first start; empty if all fail."""
+    """Return the fits from some starts to the pixels near the first start; empty if all fail.
+
+    Where white is over full scale and the model clips it, no response is fitted, which looks like
+    another blur or another white.
+    """
     if not starts:
         return []
-    pixels = pixels_near(image, camera, starts[0], ring, band_px, effort.pixels, supersample=True)
+    near = partial(
+        pixels_near, image, camera, starts[0], ring, band_px, effort.pixels, supersample=True
+    )
+    pixels = near()
+    is_clipped = pixels is not None and clips and pixels.is_clipped
+    if is_clipped:
+        pixels, response = near(dense=True), None  # about half of them tell nothing
     if pixels is None:
         return []
 
@@ -274,9 +296,17 @@ def _fits(
         return coherent_residual(pixels, fit, ring) if is_dark_in_white(fit) else math.inf
 
     fits = fit_ring(
-        pixels, starts, ring, blur_px, effort.steps, response=response, coherence=coherence
+        pixels,
+        starts,
+        ring,
+        blur_px,
+        effort.steps,
+        response=response,
+        coherence=coherence,
+        is_clipped=is_clipped,
     )
-    if response is None or not fits or not is_dark_in_white(fits[0]):
+    is_plain = response is None and not is_clipped
+    if is_plain or not fits or not is_dark_in_white(fits[0]):
         return fits
     return [_inflated(f, fits[0].coherent) for f in fits]
 

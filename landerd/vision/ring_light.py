@@ -118,7 +118,8 @@ def _undone(
     weight = pixels.weight * light32**2 * kept
     if np.count_nonzero(weight) < _MIN_COUNT:
         return None
-    return Pixels(rays, pixels.grey / light32, weight, pixels.supersample, pixels.focal)
+    grey = pixels.grey / light32
+    return Pixels(rays, grey, weight, pixels.supersample, pixels.focal, pixels.is_clipped)
 
 
 def _softened(features: F64, grey: F64, shadow: _Shadow) -> _Shadow | None:

@@ -6,6 +6,11 @@ by straight motion, under light with a linear gradient. Distances are computed i
 so that they are exact in spite of perspective and lens distortion; two second-order corrections
 make up for measuring them in pixels. If asked for, grey levels pass through the camera's response
 (`ring_response`).
+
+If asked for, white over full scale is clipped. Only the dark side of each edge is left of it then,
+in which a shift of the edge looks like another blur or another white. So the model is more exact
+there: a pixel is a box, blur differs by direction, as by a little motion or in pixels that are not
+square, and light falls off to all sides, as towards the corners of an image.
 """
 
 import math
@@ -17,11 +22,12 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64
 from landerd.pad import Ring
 from landerd.vision.arrays import F32
+from landerd.vision.patch import FULL_SCALE
 from landerd.vision.ring_pixels import Pixels, PlaneView, blurred_step, shifted
 from landerd.vision.ring_response import HALO_PX, RESPONSES, responded
 
-# Rows of the derivative, one for each parameter. The two of the light's gradient and, last, the
-# residual follow them.
+# Rows of the derivative, one for each parameter. The two of the light's gradient, where white is
+# clipped also one of its curvature, and, last, the residual follow them.
 RATIO = 0  # inner radius, m: fits hold it; it shows whether the pixels agree with the ring's ratio
 CENTRE = slice(1, 4)  # m, on the plane's axes
 TILT = slice(4, 6)  # turn of the normal towards the two tangents, rad
@@ -30,12 +36,18 @@ INSIDE = 7  # grey level inside the ring
 HEIGHTS = slice(8, 10)  # steps of the grey level outwards: at the outer and at the inner edge
 # If one of them is fitted: path of the image, px, or parameters of the camera's response.
 MOTION, RESPONSE = slice(10, 12), slice(10, 10 + RESPONSES)
+# Or, where white is clipped: by how much the blur exceeds its mean across edges whose normal lies
+# along the image's x, and along the diagonal between x and y, px^2.
+ASTIGMATISM = slice(10, 12)
 _STATIC = 10  # number of rows before these, or before the light's gradient
 
 MIN_BLUR_PX = 0.2  # sigma
 _BLACKEST, _WHITEST = 2.5, 252.5  # grey levels beyond which a pixel is clipped; JPEG changes some
 # Distance of subpixels from a pixel's centre along x and along y, px.
 _SUBPIXEL_PX = 0.4
+# The same where white is clipped: such subpixels have the box's own fourth cumulant, too.
+_CLIPPED_SUBPIXEL_PX = 0.254
+_BOX_BLUR = 1.0 / 12.0  # variance of a pixel's own box, px^2
 _SUBPIXELS = np.array([[[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]]])
 # Spacing of the samples of a motion's path, px, and limits of their number.
 _PATH_STEP_PX = 1.3
@@ -56,6 +68,7 @@ class RingModel:
         motion_px: Sequence[F64] | None,
         *,
         has_response: bool = False,
+        is_clipped: bool = False,
     ) -> None:
         """Prepare for some pixels.
 
@@ -65,14 +78,18 @@ class RingModel:
             ring: its true size and ratio.
             motion_px: path (2,) of the image during exposure for every start; None: it stood still.
             has_response: whether the camera's response is fitted; not together with motion.
+            is_clipped: whether white is clipped; not together with either.
         """
         self.pixels, self.ring = pixels, ring
         self.is_moving, self.has_response = motion_px is not None, has_response
+        self.is_clipped = is_clipped
         radius = ring.radius_m
         self._radii = np.array([radius, radius * ring.inner_ratio], dtype=np.float32)
         x, y, z = centre.tolist()
         xy = pixels.rays[:2] - np.array([[x / z], [y / z]], dtype=np.float32)
         self._xy = xy * np.float32(z / radius)
+        if is_clipped:
+            self._xy = np.vstack([self._xy, (self._xy * self._xy).sum(axis=0)])
         self._along: F64 | None = None  # the motion's path, where the image is sampled
         if motion_px is not None:
             length = max(math.hypot(*m) for m in motion_px)
@@ -82,9 +99,10 @@ class RingModel:
         # Which pixels (starts, n) were not clipped in the last derivative; None: all count.
         self.is_told: NDArray[np.bool_] | None = None
         self._curvature: tuple[F32, F32] | None = None
-        extension = MOTION if self.is_moving else RESPONSE
-        self._static = extension.stop if self.is_moving or has_response else _STATIC
-        self.rows = self._static + 3
+        extension = RESPONSE if has_response else MOTION  # as many as of astigmatism
+        extended = self.is_moving or has_response or is_clipped
+        self._static = extension.stop if extended else _STATIC
+        self.rows = self._static + len(self._xy) + 1
 
     def derivative(self, t: F32, axes: F32, parameters: F64, supersampled: bool) -> F32:
         """Return the derivatives of the grey levels and, in the last row, the residuals.
@@ -92,7 +110,7 @@ class RingModel:
         Args:
             t: centres (starts, 3), camera frame, m.
             axes: planes' axes (starts, 3, 3) as `PlaneView` takes them.
-            parameters: blur, levels, motion or response, and gradient of the light
+            parameters: blur, levels, motion or response or astigmatism, and gradient of the light
                 (starts, rows - 1), in the order of the rows; those of ratio and pose are not read.
             supersampled: whether each pixel is the mean of four subpixels. The edges of a small
                 ring are curved within the blur. A Gaussian is nearly the mean of four narrower
@@ -126,7 +144,8 @@ class RingModel:
             path = parameters[:, MOTION, None] * self._along
             return shifted(self.pixels, path), len(self._along), 0.0
         if supersampled:
-            return shifted(self.pixels, _SUBPIXEL_PX * _SUBPIXELS), 4, _SUBPIXEL_PX
+            px = _CLIPPED_SUBPIXEL_PX if self.is_clipped else _SUBPIXEL_PX
+            return shifted(self.pixels, px * _SUBPIXELS), 4, px
         return self.pixels.rays, 1, 0.0
 
     def _distances(self, g: PlaneView, supersampled: bool) -> tuple[F32, F32]:
@@ -159,7 +178,10 @@ class RingModel:
             s: sigma of the blur, px, (starts, 1, 1).
             parameters: see `derivative`.
         """
-        f, density = blurred_step(d / s + shift * s)
+        if self.is_clipped:
+            s, f, density, turns = self._astigmatic(g, d, shift, s, parameters)
+        else:
+            f, density = blurred_step(d / s + shift * s)
         density *= _heights(parameters) / s
         shape = np.empty((len(parameters), self._static, f.shape[-1]), dtype=np.float32)
         outwards = -g.scale
@@ -177,9 +199,36 @@ class RingModel:
         if self._along is not None:
             share = np.repeat(self._along, len(self.pixels.grey)).astype(np.float32)
             shape[:, MOTION] = (down * outwards * share)[:, None] * g.across()
+        if self.is_clipped:
+            np.multiply(shape[:, BLUR, None], turns, out=shape[:, ASTIGMATISM])
         if self.has_response:
             shape[:, RESPONSE] = 0.0  # filled in by `_respond`
         return shape
+
+    def _astigmatic(
+        self, g: PlaneView, d: F32, shift: F32, s: F32, parameters: F32
+    ) -> tuple[F32, F32, F32, F32]:
+        """Return the blur's sigma, the blurred steps, their density, and the blur's derivatives.
+
+        Arguments are as `_shape` takes them. Sigmas are (starts, 1, samples), steps and density
+        (starts, 2, samples). The derivatives are those of the variance by the astigmatism,
+        (starts, 2, samples).
+        """
+        x, y = g.across().transpose(1, 0, 2)
+        turns = np.stack([x * x - y * y, 2.0 * x * y], axis=1)
+        mean = s * s
+        is_one = d.shape[-1] == len(self.pixels.grey)  # sample a pixel: its box is in the blur
+        variance = mean + (parameters[:, ASTIGMATISM, None] * turns).sum(axis=1, keepdims=True)
+        np.maximum(variance, np.float32(_BOX_BLUR if is_one else MIN_BLUR_PX**2), out=variance)
+        s = np.sqrt(variance)
+        # It is the blur along a curved edge that shifts it.
+        z = (d + shift * (2.0 * mean - variance)) / s
+        f, density = blurred_step(z)
+        if is_one:
+            # Edgeworth's series to the fourth cumulant: that of a box is -1/120 along x and y.
+            cumulant = (1.0 + turns[:, :1] * turns[:, :1]) * np.float32(-1.0 / 240.0)
+            f += cumulant / (24.0 * variance * variance) * (z * (z * z - 3.0) * -density)
+        return s, f, density, turns
 
     def _lit(self, shape: F32, level: F32, parameters: F32) -> F32:
         """Return the derivatives under light with a gradient, with those by it and the residual.
@@ -190,12 +239,17 @@ class RingModel:
             parameters: see `derivative`.
         """
         grey = self.pixels.grey
-        light = parameters[:, self._static : self._static + 2] @ self._xy
+        light = parameters[:, self._static :] @ self._xy
         light += 1.0
         J = np.empty((len(parameters), self.rows, len(grey)), dtype=np.float32)
         np.multiply(shape, light[:, None], out=J[:, : self._static])
         np.multiply(level[:, None], self._xy, out=J[:, self._static : -1])
-        np.subtract(grey, light * level, out=J[:, -1])
+        made = light * level
+        if self.is_clipped:
+            self.is_told = made <= FULL_SCALE
+            J[:, :-1] *= self.is_told[:, None]
+            np.minimum(made, np.float32(FULL_SCALE), out=made)
+        np.subtract(grey, made, out=J[:, -1])
         if self.has_response:
             beyond = _beyond(grey, J[:, -1])
             J *= ~beyond[:, None]

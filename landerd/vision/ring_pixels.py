@@ -11,7 +11,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.pad import Ring
 from landerd.vision.arrays import F32, U8
-from landerd.vision.patch import lens_grid
+from landerd.vision.patch import is_white_clipped, lens_grid
 from landerd.vision.pose import circle, vec3
 from landerd.vision.ring_pose import CirclePose, plane_frame
 
@@ -24,7 +24,8 @@ MARGIN = 0.24
 # this.
 _SURROUNDINGS_SIGMAS = 30.0
 _MIN_WEIGHT = 0.02  # least weight of a pixel that is worth its time
-_MIN_COUNT = 30  # least number of pixels: a fit has 12 to 14 parameters
+_MIN_COUNT = 30  # least number of pixels: a fit has 12 to 15 parameters
+_CORNERS = 64  # of an outline
 # Constants of the functions that fits call most, as arrays (): numpy converts numbers, its own too,
 # in each operation. Added to divisors against zero; least part of a ray along the normal.
 _LEAST_RHO, _LEAST_LENGTH, _LEAST_M = (np.array(x, np.float32) for x in (1e-9, 1e-12, 1e-6))
@@ -43,10 +44,11 @@ class Pixels:
     weight: F32  # from 0 to 1, (n,)
     supersample: bool  # whether the ring is so small that each pixel is modelled by subpixels
     focal: float  # focal length, px: the geometric mean of both axes
+    is_clipped: bool  # white is over full scale
 
 
 def edge_pixels(
-    camera: CameraModel, pose: CirclePose, radii: Sequence[float], count: int = 64
+    camera: CameraModel, pose: CirclePose, radii: Sequence[float], count: int = _CORNERS
 ) -> F64:
     """Return points (radii, count, 2), px, on circles about a ring's centre in its plane.
 
@@ -72,6 +74,7 @@ def pixels_near(
     max_count: int,
     *,
     supersample: bool,
+    dense: bool = False,
 ) -> Pixels | None:
     """Return the pixels near both edges of a ring; None: too few are in the image.
 
@@ -83,8 +86,11 @@ def pixels_near(
         band_px: largest distance of a pixel from an edge.
         max_count: largest number of pixels, about.
         supersample: whether a small ring is to be fitted with subpixels.
+        dense: whether twice as many are returned.
     """
-    edges = edge_pixels(camera, pose, _radii(ring))
+    times = 2 if dense else 1
+    max_count *= times
+    edges = edge_pixels(camera, pose, _radii(ring), times * _CORNERS)
     size = float((edges[0].max(axis=0) - edges[0].min(axis=0)).max())
     if not size <= 4.0 * max(image.shape):
         return None
@@ -101,7 +107,9 @@ def pixels_near(
     if len(near) < _MIN_COUNT:
         return None
     is_small = supersample and size < _SMALL_PX
-    return Pixels(v[:, near], levels[near].astype(np.float32), weight[near], is_small, focal)
+    grey = levels[near]
+    is_clipped = is_white_clipped(grey)
+    return Pixels(v[:, near], grey.astype(np.float32), weight[near], is_small, focal, is_clipped)
 
 
 def _weighted(

@@ -35,6 +35,8 @@ def coherent_residual(pixels: Pixels, fit: RingFit, ring: Ring) -> float:
     group = (is_outer * _BINS + across.astype(np.intp)) * _SECTORS + sector
     residual = fit.residual
     assert residual is not None
+    if fit.is_told is not None:
+        group, residual = group[fit.is_told], residual[fit.is_told]
     total = np.bincount(group, residual, _GROUPS)
     squares = np.bincount(group, residual * residual, _GROUPS)
     count = np.bincount(group, minlength=_GROUPS)

@@ -47,6 +47,7 @@ from landerd.vision.ring_explained import (
 )
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fit_stages import (
+    Start,
     full_fits,
     hard_fits,
     start_at_outline,
@@ -432,11 +433,11 @@ class RingSearch:
         if start is None or any(_covers(s, self._camera, start.pose[0]) for s in self.found):
             self._work.refuse(one.place)
             return True
-        if not self._work.affords_search(FULL_COST, reserve):
+        fitted = self._full_fits(start, reserve)
+        if fitted is None:
             return False
-        response = self._response.response
-        fits = full_fits(self._image, self._camera, self._ring, start, response)
-        if fits and is_ours(self._image, self._camera, self._ring, fits[0]):
+        fits, has_ring = fitted
+        if has_ring:
             fits = explained_fits(
                 self._image, self._camera, self._ring, fits, self._vouches, are_full=True
             )
@@ -454,6 +455,23 @@ class RingSearch:
         else:
             self._work.refuse(one.place)
         return True
+
+    def _full_fits(self, start: Start, reserve: int) -> tuple[list[RingFit], bool] | None:
+        """Return the full fits from a start, and if they are of our ring; None: no work is left.
+
+        Where clipped white does not explain what is seen, motion, shadow or edges may, and these
+        begin with fits without it.
+        """
+        for clips in (True, False):
+            if not self._work.affords_search(FULL_COST, reserve):
+                return None
+            fits = full_fits(
+                self._image, self._camera, self._ring, start, self._response.response, clips=clips
+            )
+            has_ring = bool(fits) and is_ours(self._image, self._camera, self._ring, fits[0])
+            if has_ring or not fits or fits[0].is_told is None:
+                break
+        return fits, has_ring
 
     def _reported(self, one: _Try, fits: list[RingFit]) -> bool:
         """Report the fits of a candidate, or refuse its place if there are none; always True."""

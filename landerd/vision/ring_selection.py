@@ -37,8 +37,8 @@ def is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether a fit is of a ring and, if it leaves much unexplained, of no other target."""
     if not is_ring(fit, ring, camera) or _has_rings_within(image, camera, ring, fit):
         return False
-    # Motion and responses explain much, a target of several rings too.
-    is_plain = fit.response is None and not fit.motion_px.any()
+    # Motion, responses and clipped white explain much, a target of several rings too.
+    is_plain = fit.response is None and fit.is_told is None and not fit.motion_px.any()
     is_doubtful = not is_plain or is_poor(fit)
     return not (is_doubtful and edges_contradict(image, camera, ring, fit))
 
@@ -107,8 +107,10 @@ def fits_behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFi
 
 
 def remember(response: CameraResponse, fit: RingFit) -> None:
-    """Let the camera's response learn from an accepted fit, except from one with motion."""
+    """Let the camera's response learn from an accepted fit."""
     if fit.stage == EDGES:
         response.learn_edges()
+    elif fit.is_told is not None:
+        response.pictures_by_edges = 0  # beside clipped white no response is fitted
     elif not fit.motion_px.any():
         response.learn(fit.response, fit.response_chi2)

@@ -37,8 +37,8 @@ def light(
     return image / WHITE
 
 
-def picture(level: NDArray[np.float64], noise: float = 3.0) -> U8:
-    rng = np.random.default_rng(3)
+def picture(level: NDArray[np.float64], noise: float = 3.0, seed: int = 3) -> U8:
+    rng = np.random.default_rng(seed)
     return np.clip(
         np.rint(255.0 * np.clip(level, 0.0, 1.0) + rng.normal(0.0, noise, level.shape)), 0, 255
     ).astype(np.uint8)
@@ -123,8 +123,7 @@ def test_a_camera_is_remembered_and_forgotten() -> None:
         picture(2.5 * light(view)), RING, CAMERA, near, view.normal, response=response
     )
     assert blown is not None
-    assert response.pictures_by_edges > 0
-    response.pictures_by_edges = 0
+    assert response.response is not None, "clipped white tells nothing of it"
     linear = picture(0.75 * light(view))
     assert track_ring(linear, RING, CAMERA, near, view.normal, response=response) is not None
     assert response.response is None
@@ -156,7 +155,46 @@ def test_a_print_whose_ink_has_spread_is_seen_behind_strong_sharpening(distance:
 @pytest.mark.parametrize("distance", [4.0, 10.0])
 def test_a_ring_whose_white_is_blown_out_is_seen(distance: float, over: float) -> None:
     view = seen(distance, 25.0)
-    assert check(picture(over * light(view)), view, 0.005) == "edges"
+    assert check(picture(over * light(view)), view, 0.002) == "grey"
+
+
+@pytest.mark.parametrize("distance", [4.0, 10.0])
+def test_blown_out_white_makes_a_ring_little_less_exact(distance: float) -> None:
+    """Position and its stated sigma are about as in a plain picture."""
+    view = seen(distance, 25.0)
+    level = light(view)
+    errors, sigmas = [], []
+    for white in (0.75, 2.0):
+        found = [
+            find_rings(picture(white * level, seed=k), RING, CAMERA)[0].solutions[0]
+            for k in range(8)
+        ]
+        off = np.array([pose.position for pose in found]) - view.position
+        stated = np.array([pose.covariance for pose in found])
+        assert np.einsum("ni,nij,nj->n", off, np.linalg.inv(stated), off).max() < CHI2_99
+        errors.append(float(np.sqrt((off * off).sum(axis=1).mean())))
+        sigmas.append(float(np.sqrt(np.trace(stated, axis1=1, axis2=2).mean())))
+    assert errors[1] < 2.0 * errors[0]
+    assert sigmas[1] < 5.0 * sigmas[0]
+
+
+@pytest.mark.parametrize("distance", [4.0, 10.0])
+def test_light_and_blur_of_another_shape_beside_blown_out_white_are_in_the_stated_sigma(
+    distance: float,
+) -> None:
+    """White falls off to all sides, and the lens blurs to one side more than to the other."""
+    view = seen(distance, 25.0)
+    rows, columns = np.mgrid[: CAMERA.height, : CAMERA.width]
+    x, y = CAMERA.pixels(np.array(view.position)[None])[0]
+    reach = RING.radius_m * CAMERA.fx / distance
+    fallen = 1.0 - 0.04 * ((columns - x) ** 2 + (rows - y) ** 2) / reach**2
+    coma = np.array([[0.0, 0.05, 0.05], [0.0, 0.5, 0.25], [0.0, 0.1, 0.05]])
+    level = cv2.filter2D(light(view, blur_px=0.5) * np.maximum(fallen, 0.3), -1, coma)
+    shift = (coma * np.arange(-1, 2)).sum(), (coma * np.arange(-1, 2)[:, None]).sum()
+    level = cv2.warpAffine(
+        level, np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]]), level.shape[::-1]
+    )
+    assert check(picture(2.0 * level), view, 0.003) == "grey"
 
 
 @pytest.mark.parametrize("distance", [3.0, 7.0, 15.0])
@@ -239,8 +277,8 @@ def test_a_blown_out_ring_is_tracked() -> None:
     near = np.array(view.position) * 1.002
     found = track_ring(picture(2.0 * light(view)), RING, CAMERA, near, view.normal)
     assert found is not None
-    assert found.stage == "edges"
-    assert math.dist(found.solutions[0].position, view.position) < 0.025
+    assert found.stage == "grey"
+    assert math.dist(found.solutions[0].position, view.position) < 0.01
 
 
 @pytest.mark.parametrize("cut", [0, 255])
