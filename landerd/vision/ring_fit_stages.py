@@ -196,11 +196,10 @@ def tracked_fits(
 
     `response` is the camera's response to start from; None: it is linear.
     """
-    fitted = partial(_fits, image, camera, ring, effort=_TRACKED, response=response, clips=True)
-    fits = fitted(starts, TRACKED_BAND_PX, blur_px=_BLUR_PX)
+    fits = _fits(image, camera, ring, starts, TRACKED_BAND_PX, _TRACKED, _BLUR_PX, response)
     if fits and fits[0].blur_px > TRACKED_BAND_PX:  # out of focus: blurred beyond the band
         poses, blur = [(f.position, f.normal) for f in fits], fits[0].blur_px
-        fits = fitted(poses, _BAND_BLURS * blur, blur_px=blur)
+        fits = _fits(image, camera, ring, poses, _BAND_BLURS * blur, _TRACKED, blur, response)
     return fits
 
 

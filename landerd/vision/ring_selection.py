@@ -108,9 +108,8 @@ def fits_behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFi
 
 def remember(response: CameraResponse, fit: RingFit) -> None:
     """Let the camera's response learn from an accepted fit."""
-    if fit.stage == EDGES:
+    # Beside clipped white rings are tracked by their edges.
+    if fit.stage == EDGES or fit.is_told is not None:
         response.learn_edges()
-    elif fit.is_told is not None:
-        response.pictures_by_edges = 0  # beside clipped white no response is fitted
     elif not fit.motion_px.any():
         response.learn(fit.response, fit.response_chi2)

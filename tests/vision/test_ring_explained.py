@@ -123,7 +123,8 @@ def test_a_camera_is_remembered_and_forgotten() -> None:
         picture(2.5 * light(view)), RING, CAMERA, near, view.normal, response=response
     )
     assert blown is not None
-    assert response.response is not None, "clipped white tells nothing of it"
+    assert response.pictures_by_edges > 0
+    response.pictures_by_edges = 0
     linear = picture(0.75 * light(view))
     assert track_ring(linear, RING, CAMERA, near, view.normal, response=response) is not None
     assert response.response is None
@@ -189,11 +190,10 @@ def test_light_and_blur_of_another_shape_beside_blown_out_white_are_in_the_state
     reach = RING.radius_m * CAMERA.fx / distance
     fallen = 1.0 - 0.04 * ((columns - x) ** 2 + (rows - y) ** 2) / reach**2
     coma = np.array([[0.0, 0.05, 0.05], [0.0, 0.5, 0.25], [0.0, 0.1, 0.05]])
-    level = cv2.filter2D(light(view, blur_px=0.5) * np.maximum(fallen, 0.3), -1, coma)
+    blurred = cv2.filter2D(light(view, blur_px=0.5) * np.maximum(fallen, 0.3), -1, coma)
     shift = (coma * np.arange(-1, 2)).sum(), (coma * np.arange(-1, 2)[:, None]).sum()
-    level = cv2.warpAffine(
-        level, np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]]), level.shape[::-1]
-    )
+    to_middle = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]])
+    level = np.asarray(cv2.warpAffine(blurred, to_middle, blurred.shape[::-1]), dtype=np.float64)
     assert check(picture(2.0 * level), view, 0.003) == "grey"
 
 
@@ -277,8 +277,8 @@ def test_a_blown_out_ring_is_tracked() -> None:
     near = np.array(view.position) * 1.002
     found = track_ring(picture(2.0 * light(view)), RING, CAMERA, near, view.normal)
     assert found is not None
-    assert found.stage == "grey"
-    assert math.dist(found.solutions[0].position, view.position) < 0.01
+    assert found.stage == "edges"
+    assert math.dist(found.solutions[0].position, view.position) < 0.025
 
 
 @pytest.mark.parametrize("cut", [0, 255])
