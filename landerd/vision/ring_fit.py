@@ -60,7 +60,7 @@ _CONVERGED = 1.0
 # and on the blur's variance in one step at most. The fit has to learn how far white is over full
 # scale together with the blur.
 _WHITE_START = 2.0
-_CLIPPED_STEPS = 2
+_CLIPPED_STEPS = 3
 _BLUR_STEP = 2.0
 # A start whose noise is more than this times the least of all starts is not fitted further: it will
 # not become the best.
@@ -259,7 +259,8 @@ def _descended(
         if supersampled == model.pixels.supersample and not is_open:
             break
         is_near = is_near or min(reduction) < _SUPERSAMPLED_BELOW
-        last_reduction = reduction
+        if not model.is_clipped:  # reductions fall slowly there
+            last_reduction = reduction
     return equations
 
 
