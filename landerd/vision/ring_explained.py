@@ -148,6 +148,11 @@ _EDGE_BIAS_PX, _LATERAL_BIAS_PX, _SHIFT_BIAS = 0.02, 0.01, 0.1
 # light changes by as much as its own level about the ring. Of 47 rings in soft shadow the edges'
 # errors were twice what their scatter showed, 0.06 px aside and 0.05 px of the radius.
 _UNEVEN_BIAS_PX = 0.05
+# Light that adds to black and white alike, as a highlight on a glossy print, moves an edge towards
+# black where it grows that way: by sqrt(pi / 2) blurs times what it adds from the one edge to the
+# other, over the contrast that is left. If it covers only one of the two edges, the range errs. A
+# highlight in the hole took up to 1.5 blurs of the inner edge.
+_SHINE_BLURS, _SHINE_ASIDE = math.sqrt(math.pi / 2.0), 0.5
 # Share of the edges' noise: averaging does not remove what shade does to a whole side. This and the
 # shift count more if less of the ring is visible.
 _NOISE_BIAS = 0.3
@@ -536,11 +541,13 @@ def _covariance(e: RingEdgeFit, ring: Ring, camera: CameraModel, blur_px: float 
     focal = camera.focal
     shift = math.hypot(_SHIFT_BIAS * e.shift_px, _NOISE_BIAS * e.noise_px) / e.visible**2
     shift = math.hypot(shift, _UNEVEN_BIAS_PX * min(e.uneven, 1.0))
+    shine = _SHINE_BLURS * e.blur_px * abs(e.depth[0] - e.depth[1]) / max(min(e.depth), 1e-3)
     sharp, broad = _SPREAD_PX
     spread = e.noise_px * min(1.0, max(0.0, (e.blur_px - sharp) / (broad - sharp)))
     blurred = max(0.0, _blur_share(e, ring, blur_px) - _BLURRED_SHARE) * _BLUR_BIAS * e.radius_px
-    radial_px = math.hypot(_EDGE_BIAS_PX, shift, spread, blurred)
-    aside = math.hypot(_SPREAD_ASIDE * spread, _BLUR_ASIDE * blurred)
+    both = shine / (1.0 + ring.inner_ratio)  # of the radius, if the shift of both edges takes it up
+    radial_px = math.hypot(_EDGE_BIAS_PX, shift, spread, blurred, both)
+    aside = math.hypot(_SPREAD_ASIDE * spread, _BLUR_ASIDE * blurred, _SHINE_ASIDE * shine)
     lateral_px = math.hypot(_LATERAL_BIAS_PX, shift, aside)
     radial = radial_px * distance * distance / (focal * ring.radius_m)
     lateral = lateral_px * distance / focal

@@ -72,6 +72,19 @@ def test_a_ring_of_any_stroke_behind_gamma_is_seen(ratio: float, distance: float
     assert check(picture((0.85 * levels) ** (1.0 / 2.2)), view, 0.003, ring) == "grey"
 
 
+@pytest.mark.parametrize("distance", [3.0, 4.0, 6.0])
+def test_a_highlight_in_the_hole_of_a_glossy_ring_moves_its_inner_edge_and_sigma_says_so(
+    distance: float,
+) -> None:
+    """It adds to black and white alike and fades within the stroke: the range is 1 % short."""
+    view = seen(distance, 15.0)
+    y, x = np.mgrid[:480, :640]
+    reach = 0.6 * CAMERA.focal * RING.radius_m / distance
+    spot = np.exp(-((x - 300.0) ** 2 + (y - 250.0) ** 2) / reach**2)
+    level = np.clip(0.75 * light(view) + 0.7 * spot, 0.0, 1.0)
+    assert check(picture(level ** (1.0 / 2.2)), view, 0.015) == "edges"
+
+
 @pytest.mark.parametrize("seed", [8, 13, 20, 29])
 def test_behind_a_tone_curve_the_mirrored_pose_is_judged_by_the_same_response(seed: int) -> None:
     view = scenes.look(CAMERA, 17.0, math.radians(18.0), pixel=(314.0, 244.0), tilt_towards=2.0)
