@@ -112,7 +112,7 @@ class SquarePrint(MarkerPrint):
         first = first or self._first(image, camera, corners)
         if first is None:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX), GREY
-        rivals = self._rivals(camera, first.pose, corners, known_normal, down)
+        rivals = self._rivals(camera, first, corners, known_normal, down)
         if isinstance(first, EdgeFit):
             found = (self._edges.fit(image, camera, start) for start in rivals)
             return ranked_by_edges([first, *(f for f in found if f is not None)]), EDGES
@@ -193,24 +193,26 @@ class SquarePrint(MarkerPrint):
     def _rivals(
         self,
         camera: CameraModel,
-        pose: Pose,
+        first: Fit | EdgeFit,
         corners: F64,
         known_normal: Vec3 | None,
         down: Vec3 | None,
     ) -> list[Pose]:
-        """Return starts for other solutions, from the corners that the first pose implies.
+        """Return starts for other solutions, from the corners that the first fit implies.
 
         `corners` are those found in the picture.
         """
+        pose, focal = first.pose, camera.focal
         if known_normal is not None and pose.normal @ np.array(known_normal) > SAME_SOLUTION_COS:
             return []
-        focal = camera.focal
         # If the first pose is doubtful (the normal is known to be another, or no pad lies so), the
-        # other is fitted however far blur or bloom put its corners.
+        # other is fitted however far blur or bloom put its corners. So it is if only edges could be
+        # fitted: what spoils the grey levels leads edges aside, too.
         is_steep = down is not None and float(pose.normal @ np.array(down)) < _TILTED_COS
         size = camera.width - 1, camera.height - 1
         is_cut = bool(((corners < _CUT_PX) | (corners > np.subtract(size, _CUT_PX))).any())
-        is_doubtful = known_normal is not None or is_steep or is_cut
+        is_by_edges = isinstance(first, EdgeFit)
+        is_doubtful = known_normal is not None or is_steep or is_cut or is_by_edges
         most_px = math.inf if is_doubtful else _MAX_RIVAL_ERROR_PX
         rivals = []
         for start, error in planar_poses(self.corner_rays(pose), self._size):

@@ -97,6 +97,28 @@ def test_a_square_of_which_the_pictures_edge_cuts_off_the_tip_of_a_corner_is_fou
     assert math.dist(seen[0].position, at.position) < 0.004 * distance
 
 
+@pytest.mark.parametrize(("distance", "towards"), [(2.6, 2.0), (3.2, 3.0)])
+def test_an_overexposed_tag_with_a_leg_along_its_side_is_not_mirrored(
+    distance: float, towards: float
+) -> None:
+    """Its corners are the mirrored pose's, 50 degrees off; far fewer of its edges are."""
+    square = tag(size=0.3125)
+    view = look(
+        IDEAL_CAMERA, distance, math.radians(25.0), pixel=(320.0, 240.0), tilt_towards=towards
+    )
+    optics = Optics(white=100.0, black=10.0, noise=0.0)
+    lit = render(view, IDEAL_CAMERA, optics, np.random.default_rng(1), pad_of(square)) / 100.0
+    side_px = IDEAL_CAMERA.focal * square.size_m / distance
+    y, x = np.mgrid[:480, :640]
+    off = (x - 320.0) * math.cos(2.0) + (y - 240.0) * math.sin(2.0)
+    leg = 1.0 / (1.0 + np.exp((0.1 * side_px - off) / (0.08 * side_px)))  # out of focus
+    light = np.clip(2.5 * (lit * (1.0 - leg) + 0.15 * leg), 0.0, 1.0)
+    noise = np.random.default_rng(2).normal(0.0, 2.0, lit.shape)
+    image = np.clip(255.0 * light ** (1.0 / 2.2) + noise, 0, 255).astype(np.uint8)
+    seen = Vision(pad_of(square), IDEAL_CAMERA, VisionSection()).process(Frame(0.0, 0, image))
+    assert np.dot(seen.pad[0].normal, view.normal) > math.cos(math.radians(3.0))
+
+
 @pytest.mark.parametrize(("tilt", "towards"), [(0.35, 1.0), (0.5, 0.0), (0.5, 1.0)])
 def test_the_tip_that_the_pictures_edge_cuts_off_does_not_mirror_a_pose(
     tilt: float, towards: float
