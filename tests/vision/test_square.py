@@ -97,6 +97,33 @@ def test_a_square_of_which_the_pictures_edge_cuts_off_the_tip_of_a_corner_is_fou
     assert math.dist(seen[0].position, at.position) < 0.004 * distance
 
 
+@pytest.mark.parametrize("towards", [1.0, 3.0])
+def test_a_leg_as_dark_as_the_border_across_a_corner_does_not_lead_a_tag_aside(
+    towards: float,
+) -> None:
+    """The corner is found along the leg; grey levels then gave a pose 24 degrees and 5 cm off."""
+    square = tag(size=0.3125)
+    view = look(
+        IDEAL_CAMERA,
+        2.0,
+        math.radians(20.0),
+        pixel=(320.0, 240.0),
+        tilt_towards=towards,
+        heading=0.3,
+    )
+    optics = Optics(white=200.0, black=24.0, noise=0.0)
+    image = render(view, IDEAL_CAMERA, optics, np.random.default_rng(1), pad_of(square))
+    side_px = IDEAL_CAMERA.focal * square.size_m / 2.0
+    y, x = np.mgrid[:480, :640]
+    off = (x - 320.0) * math.cos(1.2) + (y - 240.0) * math.sin(1.2)
+    leg = 1.0 / (1.0 + np.exp(0.5 * np.clip(abs(off - 0.65 * side_px) - 0.2 * side_px, -50, 50)))
+    noise = np.random.default_rng(2).normal(0.0, 2.0, image.shape)
+    hidden = np.clip(image * (1.0 - leg) + 24.0 * leg + noise, 0, 255).astype(np.uint8)
+    seen = Vision(pad_of(square), IDEAL_CAMERA, VisionSection()).process(Frame(0.0, 0, hidden))
+    assert math.dist(seen.pad[0].position, view.position) < 0.002
+    assert np.dot(seen.pad[0].normal, view.normal) > math.cos(math.radians(1.0))
+
+
 @pytest.mark.parametrize(("distance", "towards"), [(2.6, 2.0), (3.2, 3.0)])
 def test_an_overexposed_tag_with_a_leg_along_its_side_is_not_mirrored(
     distance: float, towards: float
