@@ -136,7 +136,7 @@ class SquarePrint(MarkerPrint):
         if fit is None or fit.explained < MIN_EXPLAINED:
             return self._by_edges(image, camera, start)
         off = np.abs(self.corner_rays(fit.pose) - camera.rays(corners)).max()
-        if off * camera.focal < _MOST_OFF_PX:
+        if off * camera.focal < _MOST_OFF_PX and not fit.is_shaded:
             return fit
         return self._by_edges(image, camera, fit.pose, may_be_hidden=True) or fit
 

@@ -94,13 +94,6 @@ _MIN_KNOWN_EXPLAINED = 0.7
 # The same for any code if the residuals are noise: neighbours correlate by less than the second.
 # Dim codes of 24 to 30 px, at 14 to 17 m, gave 0.63 to 0.78 and 0.0.
 _MIN_NOISY_EXPLAINED, _NOISE_CORRELATION = 0.6, 0.15
-# A fit to grey levels that explains less than the first, with residuals that correlate by more than
-# the second, is not used if the edges tell the pose. Of 90 codes in hard, soft and leaf shade such
-# fits were off by 2 to 40 thousandths of the range, most by 10 and more, edges by 0.1 to 5; without
-# shade all but a few dirty ones explain more.
-_EVEN_EXPLAINED, _SHADED_CORRELATION = 0.965, 0.3
-# Blur, as a variance over a sharp lens's, from which on motion, not shade, explains the residuals.
-_MOVING_BLUR = 6.0
 
 
 @dataclass(frozen=True)
@@ -296,7 +289,7 @@ class WhyCodeFinder:
         starts = [start] if by_grey is None else [start, by_grey.pose]
         if by_grey is not None and not _explains(by_grey, is_known=is_known):
             by_grey = None
-        if by_grey is None or _is_shaded(by_grey):
+        if by_grey is None or by_grey.is_shaded:
             if not is_known:  # texture must cost no more than this
                 starts = starts[:1] if by_grey is None else starts[1:]
             poses = self._by_edges(image, code, starts, last_normal)
@@ -523,12 +516,6 @@ def _explains(fit: Fit, *, is_known: bool) -> bool:
         return True
     is_known = is_known and not fit.darkens  # else dirt is taken for the code
     return fit.explained >= (_MIN_KNOWN_EXPLAINED if is_known else MIN_EXPLAINED)
-
-
-def _is_shaded(fit: Fit) -> bool:
-    """Tell whether uneven light, which the fit to grey levels does not model, may spoil it."""
-    is_even = fit.explained > _EVEN_EXPLAINED or fit.correlation < _SHADED_CORRELATION
-    return not is_even and fit.blur < _MOVING_BLUR
 
 
 def mirrored_pose(pose: Pose, radius: float) -> Pose | None:

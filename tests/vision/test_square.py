@@ -124,6 +124,25 @@ def test_a_leg_as_dark_as_the_border_across_a_corner_does_not_lead_a_tag_aside(
     assert np.dot(seen.pad[0].normal, view.normal) > math.cos(math.radians(1.0))
 
 
+@pytest.mark.parametrize("share", [0.15, 0.2])
+def test_a_tag_found_with_a_soft_shadow_across_it_is_placed_by_its_edges(share: float) -> None:
+    square = tag(size=0.6)
+    pad = pad_of(square).model_copy(
+        update={"plate": Plate(north_m=0.5, south_m=0.5, east_m=0.5, west_m=0.5)}
+    )
+    view = look(
+        IDEAL_CAMERA, 3.0, math.radians(25.0), pixel=(320.0, 240.0), tilt_towards=1.0, heading=0.3
+    )
+    lit = render(view, IDEAL_CAMERA, Optics(noise=0.0), np.random.default_rng(1), pad)
+    side_px = IDEAL_CAMERA.focal * square.size_m / 3.0
+    off = np.arange(640) - 320.0 - share * side_px
+    light = 0.3 + 0.7 / (1.0 + np.exp(off / (0.06 * side_px)))
+    noise = np.random.default_rng(2).normal(0.0, 2.0, lit.shape)
+    image = np.clip(lit * light + noise, 0, 255).astype(np.uint8)
+    seen = Vision(pad, IDEAL_CAMERA, VisionSection()).process(Frame(0.0, 0, image))
+    assert math.dist(seen.pad[0].position, view.position) < 0.003
+
+
 @pytest.mark.parametrize(("distance", "towards"), [(2.6, 2.0), (3.2, 3.0)])
 def test_an_overexposed_tag_with_a_leg_along_its_side_is_not_mirrored(
     distance: float, towards: float
