@@ -523,6 +523,13 @@ MUTANTS = [
         "::test_a_deck_that_heaves_carries_a_vehicle_up_and_it_is_levelled_all_the_same",
     ),
     Mutant(
+        "2: a stop of a moment speeds a descent up",
+        ORDERS,
+        "down = min(down, max(0.0, sink_rate))",
+        "pass",
+        "guidance/test_orders.py::test_stopped_for_a_moment_it_goes_on_braking_its_descent",
+    ),
+    Mutant(
         "4: a deck that begins to heave after the touch keeps it from being levelled",
         TOUCHDOWN,
         "max(motion.fastest_heave, -motion.heave)",
