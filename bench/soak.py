@@ -20,7 +20,6 @@ import gc
 import os
 import sys
 import tempfile
-from collections.abc import Coroutine
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
@@ -71,7 +70,7 @@ class Hour:
 class Soak:
     """One daemon, its simulated devices, and a pilot who lands again and again."""
 
-    hours: float
+    hours: int
     seed: int
     folder: Path
     landings: int = 0
@@ -134,7 +133,7 @@ class Soak:
             for work in (*self._beside, self.daemon.run, self._land_for_ever)
         ]
         try:
-            for hour in range(1, round(self.hours) + 1):
+            for hour in range(1, self.hours + 1):
                 await asyncio.sleep(HOUR_S)
                 self._look(hour)
                 for task in running:
@@ -226,13 +225,12 @@ class Soak:
 def main() -> None:
     """Soak, and print the figures."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--hours", type=float, default=24.0)
+    parser.add_argument("--hours", type=int, default=24)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         soak = Soak(args.hours, args.seed, Path(folder))
-        flight: Coroutine[Any, Any, None] = soak.run()
-        run_virtual(flight)
+        run_virtual(soak.run())
         soak.recorder.close()
         soak.report()
     sys.exit(bool(soak.failures or soak.grew))
