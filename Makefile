@@ -40,7 +40,7 @@ bench-vision: $(SETUP)  ## detectors on made images, beside the AprilTag 3 libra
 		echo "== $$file"; PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
 
-soak: $(SETUP)  ## one daemon for a day of landings: does it leak? (takes two to four hours)
+soak: $(SETUP)  ## one daemon for a day of landings: does it leak? (takes about five hours)
 	PYTHONPATH=. $(BIN)/python -m bench.soak
 
 test-devices:  ## drivers and service against a real kernel and systemd, in a virtual machine

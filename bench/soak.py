@@ -1,6 +1,6 @@
 """Runs one daemon for a day of landings, and shows whether its memory, tasks and files grow.
 
-    python -m bench.soak              # 24 h of virtual time: takes two to four hours
+    python -m bench.soak              # 24 h of virtual time: takes about five hours
     python -m bench.soak --hours 1
 
 One process of landerd stays up while a pilot lands, stands for up to ten minutes, takes off and
@@ -22,7 +22,6 @@ import sys
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from random import Random
 from typing import Any
 
 from hw.autopilots.arducopter import Mode
@@ -79,7 +78,7 @@ class Soak:
     held: list[Hour] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._loaded = loaded = read_configuration(
+        loaded = read_configuration(
             config_dir() / "default.yaml",
             overlays=[config_dir() / "scenarios" / "stationary.yaml"],
             overrides=["sim.sight=modelled", "sim.wind.speed_mps=4", "sim.wind.gust_mps=1"],
@@ -156,15 +155,16 @@ class Soak:
             await asyncio.sleep(random.uniform(5.0, 20.0))
             switch.set(high=True)
             if (self.landings + 1) % ABORTS_EVERY == 0:
-                await self._abort(random)
+                await self._abort()
             await self._until_down()
             switch.set(high=False)
             await asyncio.sleep(random.uniform(*STANDS_S))
             copter.set_mode(Mode.GUIDED)
             await ground.take_off(high_m)
 
-    async def _abort(self, random: Random) -> None:
+    async def _abort(self) -> None:
         copter, switch = self._stand_in.autopilot.copter, self._stand_in.switch
+        random = self._random
         await asyncio.sleep(random.uniform(2.0, 10.0))
         self.aborts += 1
         if random.random() < 0.5:

@@ -40,6 +40,8 @@ _REDUCED_BIAS_PX = 0.001
 
 # Grey level at which models are clipped; noise darkens what is clipped.
 FULL_SCALE = 254.5
+# First contrast of a fit beside clipped white, over that of the clipped levels.
+WHITE_START = 2.0
 # White is over full scale if more than a share of the pixels is at least this bright: noise and
 # JPEG lower some. A mean of clipped pixels is not that of the light: of a large marker some single
 # pixels are fitted then, up to so many on edges and off them. A pixel is on an edge if its

@@ -24,7 +24,15 @@ from landerd.vision.arrays import Image
 from landerd.vision.blurred_print import BlurredPrint
 from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.linear import inverse, outer, solved
-from landerd.vision.patch import CLIPPED, FULL_SCALE, Patch, marker_patch, on_plane, pose_slope
+from landerd.vision.patch import (
+    CLIPPED,
+    FULL_SCALE,
+    WHITE_START,
+    Patch,
+    marker_patch,
+    on_plane,
+    pose_slope,
+)
 from landerd.vision.pose import EQUAL_NORMALS_COS, Pose
 from landerd.vision.square_pose import corner_information, square_points
 from landerd.vision.tone import LINEAR, TONE_SIGMA, TONES, bounded, edge_shift, toned
@@ -61,7 +69,6 @@ _SHIFT_BIAS = 0.2  # error of a tone curve's shift of edges, a share of it: no c
 # Error of the corners over the root of the blur beyond a sharp lens's: that is no Gaussian.
 _UNSHARP_BIAS = 0.05
 # ---- white over full scale ---------------------------------------------------------------------
-_WHITE_START = 2.0  # first contrast over that of clipped white
 _CLIPPED_TONE_CHI2 = 150.0  # as _TONE_CHI2: where clipped, no curve at all changes it by up to this
 # Least blur of single pixels of a large marker, over that of a sharp lens: that of the samples.
 _LEAST_BLUR = 0.6
@@ -252,7 +259,7 @@ class MarkerPrint:
         if patch.is_clipped:
             tone = LINEAR
             if light[0] + light[1] >= CLIPPED:
-                light[1] *= _WHITE_START
+                light[1] *= WHITE_START
         corners = self.corner_rays(start)
         estimate = _Estimate(start, corners, blur * patch.blur, light, tone, bool(tone.any()))
         equations = self._descended(patch, estimate, has_rival)

@@ -25,7 +25,7 @@ from landerd.pad import Ring
 from landerd.vision.arrays import F32, Mask
 from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.linear import length
-from landerd.vision.patch import FULL_SCALE
+from landerd.vision.patch import FULL_SCALE, WHITE_START
 from landerd.vision.pose import vec3
 from landerd.vision.ring_covariance import (
     clipped_covariance,
@@ -56,10 +56,8 @@ _MAX_MOTION_PX = 30.0  # components of the path along x and y
 # rings are supersampled; below the second, another step is not worth its time.
 _SUPERSAMPLED_BELOW = 30.0
 _CONVERGED = 1.0
-# Where white is clipped: first contrast over that of clipped white, factor on the number of steps,
-# and on the blur's variance in one step at most. The fit has to learn how far white is over full
-# scale together with the blur.
-_WHITE_START = 2.0
+# Where white is clipped: factor on the number of steps, and on the blur's variance in one step at
+# most. The fit has to learn how far white is over full scale together with the blur.
 _CLIPPED_STEPS = 3
 _BLUR_STEP = 2.0
 # A start whose noise is more than this times the least of all starts is not fitted further: it will
@@ -222,7 +220,7 @@ def fit_ring(
     )
     black, white = _levels(pixels.grey)
     if is_clipped:
-        white = black + _WHITE_START * (white - black)
+        white = black + WHITE_START * (white - black)
         steps *= _CLIPPED_STEPS
     estimate = _first_estimate(model.rows, starts, (black, white), blur_px)
     if motion_px is not None:

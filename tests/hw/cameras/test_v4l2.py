@@ -52,6 +52,13 @@ def run(
     return driver
 
 
+def shoot_ago(source: FakeCamera, age_s: float) -> float:
+    """Shoot a picture that is stamped so long ago; return that time on the loop's clock, s."""
+    stamp = time.monotonic() - age_s
+    source.shoot(t=stamp)
+    return stamp + asyncio.get_running_loop().time() - time.monotonic()
+
+
 @pytest.mark.parametrize("name", ["GREY", "NV12", "YUYV", "MJPG"])
 @pytest.mark.parametrize("padding", [0, 6])
 def test_every_format_gives_the_brightness(name: str, padding: int) -> None:
@@ -159,12 +166,9 @@ def test_the_time_is_that_of_the_middle_of_the_exposure(stamp: Stamp, middle_s: 
     )
 
     async def use(driver: V4l2Camera) -> None:
-        loop = asyncio.get_running_loop()
-        offset = loop.time() - time.monotonic()
-        shot = time.monotonic() - 0.03
-        source.shoot(t=shot)
+        shot = shoot_ago(source, 0.03)
         frame = await driver.newest()
-        assert frame.t == pytest.approx(shot + offset + middle_s + 0.002, abs=0.001)
+        assert frame.t == pytest.approx(shot + middle_s + 0.002, abs=0.001)
         assert frame.sigma_t == 0.0
 
     run(source, use, exposure_s=0.008, time_offset_s=0.002)
@@ -559,12 +563,10 @@ def test_an_order_sets_exposure_and_gain_by_hand() -> None:
         assert source.values[fake.AUTOGAIN] == 0
         assert source.values[fake.EXPOSURE] == 40
         assert source.values[fake.GAIN] == 50  # two stops of four, in a range of 16
-        offset = asyncio.get_running_loop().time() - time.monotonic()
-        shot = time.monotonic() - 0.05
-        source.shoot(t=shot)
+        shot = shoot_ago(source, 0.05)
         frame = await driver.newest()
         # The middle of the new exposure.
-        assert frame.t == pytest.approx(shot + offset + 0.002, abs=0.0015)
+        assert frame.t == pytest.approx(shot + 0.002, abs=0.0015)
 
     run(source, use)
 
@@ -604,11 +606,9 @@ def test_a_camera_that_refuses_its_gain_exposes_longer_and_is_dated_so(error: in
             driver.expose(ExposureOrder(0.015, 8.0))
             await carried_out()
         assert source.values[fake.EXPOSURE] == 300  # 30 ms of 33
-        offset = asyncio.get_running_loop().time() - time.monotonic()
-        shot = time.monotonic() - 0.05
-        source.shoot(t=shot)
+        shot = shoot_ago(source, 0.05)
         frame = await driver.newest()
-        assert frame.t == pytest.approx(shot + offset + 0.015, abs=0.0015)
+        assert frame.t == pytest.approx(shot + 0.015, abs=0.0015)
 
     driver = run(source, use, exposure_s=0.004)
     told = [remark for remark in driver.remarks if remark.startswith("gain: it takes no orders")]
