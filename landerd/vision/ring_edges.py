@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -88,6 +89,7 @@ class RingEdgeFit:
     dependence: float  # number of rays over that of independent edges
     covariance: F64  # (5, 5) of centre and tilt on the plane's axes, m^2, m rad, rad^2
     levels: tuple[float, float, float]  # grey levels inside, of the black, outside
+    darkest: float  # level of the stroke on the circle where it is darkest
     shaded: float  # level of the darkest part outside: the white there, if a shadow crosses it
     clean: float  # level of the brightest part inside: the white there, if dirt hides most of it
     # Contrast from each edge's black to its white, whatever the light: outer edges, inner ones.
@@ -403,7 +405,7 @@ def _judged(
     near = edges.seen & (off < reach)
     there = np.maximum(edges.in_image.reshape(2, _RAYS).sum(axis=1), 1)
     support = near.reshape(2, _RAYS).sum(axis=1) / there
-    dark, bright, ridge = _areas(image, camera, ring, pose, edges, max(shift, 0.0) / radius_px)
+    areas = _areas(image, camera, ring, pose, edges, max(shift, 0.0) / radius_px)
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
     covariance = inverse(equations.H[:_RATIO, :_RATIO]) * max(equations.scale, 0.3) * few
     seen = edges.seen.reshape(2, _RAYS)
@@ -427,13 +429,14 @@ def _judged(
         support=(float(support[0]), float(support[1])),
         visible=float(edges.in_image.mean()),
         cos_tilt=float(pose[1] @ pose[0]) / float(np.linalg.norm(pose[0])),
-        ridge=ridge,
-        dark=dark,
-        bright=bright,
+        ridge=areas.ridge,
+        dark=areas.dark,
+        bright=areas.bright,
         residual=np.where(edges.seen, equations.residual, np.nan),
         dependence=few,
         covariance=covariance[:5, :5],
         levels=levels,
+        darkest=areas.darkest,
         shaded=_ranked(edges.levels[0, 1][seen[0]], _SHADED_SHARE),
         clean=_ranked(edges.levels[1, 1][seen[1]], 1.0 - _SHADED_SHARE),
         contrast=(contrast[0], contrast[1]),
@@ -485,10 +488,19 @@ _MARGIN_RADII = (1.08, 1.13)
 _MOST_HALO = 0.2
 
 
+class _Areas(NamedTuple):
+    """What the areas between a ring's edges show; see `RingEdgeFit`."""
+
+    dark: float
+    bright: float
+    ridge: float = 1.0
+    darkest: float = 0.0
+
+
 def _areas(
     image: U8, camera: CameraModel, ring: Ring, pose: CirclePose, edges: _Edges, spread: float
-) -> tuple[float, float, float]:
-    """Return the share of the stroke that is dark, that of the white that is bright, and the ridge.
+) -> _Areas:
+    """Return what the areas between the edges show; see `RingEdgeFit`.
 
     The ridge is how far levels rise within the stroke, between its edges, over the contrast, as in
     targets of several rings. The halo of sharpening, how far levels in the hole rise towards its
@@ -509,7 +521,7 @@ def _areas(
     shares += _MARGIN_RADII
     sampled = _sampled(image, camera, ring, pose, R * np.array([shares]))
     if sampled is None:
-        return 0.0, 0.0, 1.0
+        return _Areas(0.0, 0.0)
     grey, inside, _ = (part[0] for part in sampled)
     outer, inner = edges.levels.mean(axis=1)  # half-way beside each edge
     hole, stroke = len(_HOLE_RADII), len(_STROKE_RADII)
@@ -521,16 +533,18 @@ def _areas(
     bright = float((~is_dark[white])[inside[white]].mean()) if inside[white].any() else 0.0
     seen = inside[black].all(axis=0)
     if not seen.any():
-        return dark, bright, 1.0
+        return _Areas(dark, bright)
     # Relative to the brighter black of both edges, so that a shadow across the stroke is no ridge.
     beside = edges.levels[:, 0].max(axis=0)[seen]
     contrast = (edges.levels[:, 1].max(axis=0)[seen] - beside).clip(min=1.0)
-    level = medians((grey[black][:, seen] - beside) / contrast)
+    stroke_grey = grey[black][:, seen]
+    level = medians((stroke_grey - beside) / contrast)
     # A camera that sharpens darkens the stroke along its edges, and brightens the white there.
     middle, *_, near = grey[:hole, seen] / contrast
     is_seen = inside[:hole, seen].all(axis=0)
     halo = min(_MOST_HALO, max(0.0, _median(near - middle, is_seen)))
-    return dark, bright, max(0.0, rise_within(level) - halo)
+    ridge = max(0.0, rise_within(level) - halo)
+    return _Areas(dark, bright, ridge, float(medians(stroke_grey).min()))
 
 
 def rise_within(level: F64) -> float:

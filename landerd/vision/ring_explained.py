@@ -17,6 +17,7 @@ white).
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import cv2
 import numpy as np
@@ -94,12 +95,15 @@ _GREY_RATIO, _GREY_RATIO_SIGMA, _GREY_PX = 0.22, 0.032, 20.0
 _GREY_COHERENT = 0.12
 
 # ---- how far a tone curve may move edges -------------------------------------------------------
-# Largest shift: the first in px, plus the second times the blur, plus a share of the radius
-# (_PRINT_SHARE; clipped: _MAX_BLOOM). Gamma 2.4 moves the edge of a blurred black on white by 0.7
-# sigma. White twice over full scale leaves only the darkest part of each edge, which looks sharp
-# however wide the blur was: hence the share of the radius.
-_MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.75), (2.0, 1.0)
-_PRINT_SHARE, _MAX_BLOOM = 0.009, 0.06  # the first is the error of a print
+# Largest shift: the first in px, plus the second times the blur, plus a share of the radius, the
+# error of a print. Gamma 2.4 moves the edge of a blurred black on white by 0.7 sigma.
+_MAX_SHIFT_PX, _MAX_SHIFT_BLURS, _PRINT_SHARE = 0.15, 0.75, 0.009
+# White over full scale leaves only the darkest part of each edge, which looks sharper than it was
+# and is further off (`_clipped_shift_blurs`). How far over, its black tells: no ink reflects less
+# than the first share of what white does. Letters of drawings are black as no overexposed ink is.
+# The last is a margin, as the blurs of both edges of a stroke overlap.
+_BLACKEST_INK, _MAX_EXPOSURE, _OVERLAP = 0.02, 6.0, 1.15
+_NORMAL = NormalDist()
 # Least shift, in px and in blurs. White grows behind any of these curves. It shrinks by the errors
 # of print (ink spreads, too) and fit, and behind the toe of an S-shaped curve: where white is far
 # below full scale, grey levels follow the square of the light.
@@ -498,9 +502,28 @@ def _min_shift_px(e: RingEdgeFit) -> float:
 
 def _max_shift_px(e: RingEdgeFit) -> float:
     """Return the largest shift by a tone curve and an inexact print, px."""
-    fixed, blurs = _MAX_CLIPPED_SHIFT_PX if _is_clipped(e) else _MAX_SHIFT_PX
-    share = _MAX_BLOOM if _is_clipped(e) else _PRINT_SHARE
-    return fixed + blurs * e.blur_px + share * e.radius_px
+    blurs = _MAX_SHIFT_BLURS
+    if _is_clipped(e):
+        blurs = max(blurs, _OVERLAP * _clipped_shift_blurs(e.darkest / 255.0))
+    return _MAX_SHIFT_PX + blurs * e.blur_px + _PRINT_SHARE * e.radius_px
+
+
+def _clipped_shift_blurs(black: float) -> float:
+    """Return how far white over full scale moves an edge at most, over the blur its slope shows.
+
+    With white `exposure` times over full scale and ink of `black / exposure`, half-way from black
+    to full scale is reached q sigmas off an edge blurred by a Gaussian, and the slope over the
+    contrast is there `over * exp(-q^2 / 2)` times that of the unclipped edge.
+
+    Args:
+        black: level of the ink over full scale.
+    """
+    exposure = min(black / _BLACKEST_INK, _MAX_EXPOSURE)
+    over = (exposure - black) / (1.0 - black)
+    if over <= 1.0:
+        return 0.0
+    q = _NORMAL.inv_cdf(0.5 / over)
+    return -q * over * math.exp(-0.5 * q * q)
 
 
 def _agree(e: RingEdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:

@@ -260,6 +260,19 @@ def test_a_ring_of_another_ratio_is_not_taken_for_one_behind_a_tone_curve(
     assert find_rings(image, RING, CAMERA) == []
 
 
+@pytest.mark.parametrize("stroke", [0.16, 0.2, 0.24])
+@pytest.mark.parametrize("size_px", [28, 32])
+def test_a_letter_o_in_a_drawing_is_too_black_to_be_overexposed(
+    size_px: int, stroke: float
+) -> None:
+    k = 8  # drawn k times too large
+    page = np.full((CAMERA.height * k, CAMERA.width * k), 255, np.uint8)
+    for share, grey in ((0.5, 0), (0.5 - stroke, 255)):
+        cv2.circle(page, (300 * k + 3, 200 * k + 5), round(share * size_px * k), grey, -1)
+    image = cv2.resize(page, (CAMERA.width, CAMERA.height), interpolation=cv2.INTER_AREA)
+    assert find_rings(image.astype(np.uint8), RING, CAMERA) == []
+
+
 @pytest.mark.parametrize(("level", "found"), [(0.4, 0), (0.8, 1)])
 def test_a_hole_that_is_not_as_white_as_its_surroundings_is_the_hub_of_a_wheel(
     level: float, found: int
