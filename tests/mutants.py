@@ -1408,6 +1408,13 @@ MUTANTS = [
         "test_a_velocity_that_the_positions_contradict_is_not_believed_however_long_it_is_told",
     ),
     Mutant(
+        "5: believes a velocity that is suddenly off by a metre a second",
+        "landerd/estimation/camera_pose.py",
+        "FASTEST_MPS2, KNOCK_MPS, MOVES_S = 12.0, 0.3, 0.1",
+        "FASTEST_MPS2, KNOCK_MPS, MOVES_S = 25.0, 0.5, 0.1",
+        "estimation/test_camera_pose.py::test_a_velocity_biased_by_a_metre_a_second_is_not_believed",
+    ),
+    Mutant(
         "2: turns to the north of a plate that carries another pad's code",
         "landerd/vision/plate_heading.py",
         "if not self._is_another(image, camera, t, north):",

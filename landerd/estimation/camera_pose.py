@@ -6,6 +6,7 @@ the horizon.
 """
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 from landerd import gimbal_frames
@@ -49,8 +50,9 @@ FRAME_JUMP_M = 0.3
 POSITION_TIME_CONSTANT_S = 20.0
 # Bounds of what is possible from one report to the next without doubt: acceleration, m/s^2, and a
 # sudden change of velocity by a knock, m/s; change of the yaw rate, rad/s^2, and heading noise,
-# rad. Chosen by hand, above what flies. A harder knock is believed one report later.
-FASTEST_MPS2, KNOCK_MPS = 25.0, 0.5
+# rad. Chosen by hand, above what flies. A harder knock is believed as soon as the positions of the
+# last MOVES_S agree within KNOCK_MPS: by two alone, their noise of 1 cm would be 0.7 m/s.
+FASTEST_MPS2, KNOCK_MPS, MOVES_S = 12.0, 0.3, 0.1
 FASTEST_TURN, HEADING_NOISE = math.radians(400.0), math.radians(3.0)
 # A heading that has jumped is believed once reports have agreed for this long, s; until then the
 # gyros' rates are integrated, which holds for seconds. Of random headings two in a row agree every
@@ -115,7 +117,8 @@ class PoseHistory:
         self._wrong_climb_t = -math.inf  # last time that height and climb rate disagreed, s
         self._climb_error = 0.0  # low-passed change of height minus climb rate, m/s, down
         self._headings = OutlierRejector(HEADING_BELIEVED_S)
-        self._reported: LocalPosition | None = None  # the newest, taken or not
+        # Reports of the last MOVES_S and the one before, taken or not.
+        self._reported: deque[LocalPosition] = deque()
         self._doubts = False  # its velocity is not believed
 
     def add(
@@ -162,22 +165,22 @@ class PoseHistory:
             self.heading_offset = wrap(self.heading_offset + jump[2])
         return (*reported[:2], expected, *reported[3:])
 
-    def _is_doubtful(self, new: LocalPosition, last: LocalPosition) -> bool:
+    def _is_doubtful(self, new: LocalPosition) -> bool:
         """Tell whether a velocity has jumped as none can while the positions do not move with it.
 
         An EKF that was reset goes on from its new velocity. One of 3 m/s that was reported for a
         second of a vehicle that stood 0.2 m over its pad was flown after, and tipped it over there.
-
-        Args:
-            new: the newest report.
-            last: the one before, taken or not.
         """
-        dt, before = new.t - last.t, self.position.just_before(new.t)
+        reported = self._reported
+        while len(reported) > 1 and new.t - reported[1].t >= MOVES_S:
+            reported.popleft()
+        first, dt = reported[0], new.t - reported[-1].t
+        before = self.position.just_before(new.t)
         has_jumped = self._doubts  # also for longer than max_gap_s
         if before is not None:
             _, (_, _, _, u, v, w) = before
             has_jumped = norm(sub(new.velocity, (u, v, w))) > KNOCK_MPS + FASTEST_MPS2 * dt
-        moves = scale(sub(new.position, last.position), 1.0 / dt)
+        moves = scale(sub(new.position, first.position), 1.0 / (new.t - first.t))
         off = sub(new.velocity, moves)
         # A climb rate that stays wrong is told as such: it is doubted once only.
         off_mps = horizontal(off) if self._doubts else norm(off)
@@ -202,10 +205,11 @@ class PoseHistory:
     def _add_position(self, new: LocalPosition) -> None:
         """Take a position and velocity into the complementary filter."""
         reported = self._reported
-        if reported is not None and new.t <= reported.t:
+        if reported and new.t <= reported[-1].t:
             return
-        self._reported = new
-        if reported is not None and self._is_doubtful(new, reported):
+        is_doubtful = bool(reported) and self._is_doubtful(new)
+        reported.append(new)
+        if is_doubtful:
             return
         last = self.position.newest
         measured = position = sub(new.position, self._frame)
@@ -256,7 +260,8 @@ class PoseHistory:
         self.attitude.clear()
         self._frame, self.heading_offset, self._climb_error = ZERO, 0.0, 0.0
         self._wrong_climb_t = -math.inf
-        self._reported, self._doubts = None, False
+        self._reported.clear()
+        self._doubts = False
 
     def camera_pose(self, t: float, *, gimbal_back_s: float = 0.0) -> CameraPose | None:
         """Return the camera's pose at time t, or None where a history does not reach.

@@ -97,7 +97,7 @@ def test_a_velocity_that_jumps_is_believed_once_the_positions_move_with_it() -> 
         made.add(LocalPosition(1.0 + 0.02 * i, (x, 0.0, 0.0), (velocity, 0.0, 0.0)))
         newest = made.position.newest
         assert newest is not None
-        assert newest[1][3] == (0.3 if i < 11 else 4.0)
+        assert newest[1][3] == (0.3 if i < 15 else 4.0)
 
 
 def test_a_velocity_that_the_positions_contradict_is_not_believed_however_long_it_is_told() -> None:
@@ -109,6 +109,33 @@ def test_a_velocity_that_the_positions_contradict_is_not_believed_however_long_i
         assert newest is not None
         assert newest[1][3] == 0.0
         assert newest[0] == 1.0 + 0.02 * (9 if 10 <= i < 60 else i)
+
+
+@pytest.mark.parametrize("hertz", [20, 50])
+def test_a_velocity_biased_by_a_metre_a_second_is_not_believed(hertz: int) -> None:
+    made, rng = PoseHistory(AT_ORIGIN), Random(3)
+    for i in range(2 * hertz):
+        t, bias = i / hertz, 0.6 if i >= hertz else 0.0  # of each axis
+        noisy = (4.0 * t + rng.gauss(0.0, 0.01), rng.gauss(0.0, 0.01), rng.gauss(0.0, 0.01))
+        made.add(LocalPosition(1.0 + t, noisy, (4.0 + bias, bias, bias)))
+        newest = made.position.newest
+        assert newest is not None
+        assert newest[1][3] == 4.0
+
+
+@pytest.mark.parametrize("hertz", [20, 50])
+def test_a_knock_on_the_feet_is_believed_within_a_tenth_of_a_second(hertz: int) -> None:
+    made, rng, x, last_s = PoseHistory(AT_ORIGIN), Random(4), 0.0, 0.0
+    for i in range(hertz):
+        velocity = 1.3 if 2 * i < hertz else 0.0
+        x += velocity / hertz
+        noisy = (x + rng.gauss(0.0, 0.01), rng.gauss(0.0, 0.01), rng.gauss(0.0, 0.01))
+        made.add(LocalPosition(1.0 + i / hertz, noisy, (velocity, 0.0, 0.0)))
+        newest = made.position.newest
+        assert newest is not None
+        if newest[1][3] > 0.0:
+            last_s = i / hertz
+    assert last_s < 0.6
 
 
 def test_a_climb_rate_that_stays_wrong_is_dropped_once_and_then_told_as_wrong() -> None:
