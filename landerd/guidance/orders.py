@@ -35,6 +35,7 @@ class Orders:
         self._before_stop = (-math.inf, 0.0)
         self._said: dict[str, float] = {}  # when each line was told last
         self._news: tuple[Severity, str] | None = None  # of phase or reason, not told yet
+        self._resumed_t = math.inf  # when a landing went on, if that is to be told again
 
     def configure(self, limits: LimitsSection) -> None:
         """Take new limits."""
@@ -125,12 +126,18 @@ class Orders:
     def enter(self, phase: Phase, reason: str) -> None:
         """Set phase and reason; tell the pilot a new phase, and outside a landing a new reason."""
         is_out = phase is Phase.NOT_LANDING
+        if is_out:
+            self._resumed_t = math.inf
+        elif self.phase is Phase.NOT_LANDING and self.reason.endswith(pilot_texts.WITHOUT_SIGHT):
+            self._resumed_t = self._now
         if phase is not self.phase or (is_out and reason != self.reason):
             self.commands.append(PhaseChange(phase, reason))
             news = (Severity.NOTICE, _of_phase(phase, reason))
             self._news = (Severity.WARNING, reason) if is_out else news
         elif is_out and pilot_texts.asks_for_switch(reason):
             self.say(Severity.WARNING, reason, every_s=pilot_texts.REMIND_S)
+        elif self._now - self._resumed_t >= pilot_texts.RESUMED_S:
+            self._resumed_t, self._news = math.inf, (Severity.NOTICE, _of_phase(phase, reason))
         self.phase, self.reason = phase, reason
         # A line that was said a moment ago is not repeated now, but later if it still holds.
         if self._news is not None and self.say(*self._news):

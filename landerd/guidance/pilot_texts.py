@@ -6,6 +6,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 |---|---|---|
 | landerd does not fly, or without sight, or for a while without own data | WARNING | the reason |
 | a phase of the landing begins | NOTICE | the phase, where there is room, and the reason |
+| the landing has gone on for RESUMED_S, the pad in sight again | NOTICE | phase and reason |
 | it is where the pilot asked to hold | NOTICE | HOLDING_OVER |
 | a descent is broken off with the pad in sight | WARNING | the reason |
 | the switch must be low first (RC_LATCHED), again after REMIND_S | WARNING | the reason |
@@ -30,6 +31,9 @@ from landerd.guidance.states import Event
 PREFIX = "landerd: "
 MAX_CHARACTERS = 50  # of a STATUSTEXT
 REPEAT_S = 1.0  # the same line is not told more often: a bound for the link, chosen by hand
+# That a landing goes on is told once more after this time, s: if the line of its phase were lost,
+# the pilot would read "holding" for the whole of a descent.
+RESUMED_S = 2.0
 REMIND_S = 10.0  # what waits for the pilot's hand is told again: a line may be lost, or not be read
 # No longer than guidance.touchdown_timeout_s may be: of one that touches anew it is told in time.
 REMIND_UNCONFIRMED_S = 5.0
@@ -105,6 +109,7 @@ NOW_AND_THEN = "{why} now and then: link?"
 BLIND = "{why}, {what}"  # one of those above, and what is done about it:
 CLIMBING_AWAY = "climbing away"  # so too when it may not fly on, or the pad is missed
 HOLDING, CLIMBING, SEARCHING = "holding", "climbing", "searching"
+WITHOUT_SIGHT = (HOLDING, CLIMBING, SEARCHING, CLIMBING_AWAY)  # ends of such reasons
 
 # ---- on the pad --------------------------------------------------------------------------------
 STANDS = "stands on the pad"

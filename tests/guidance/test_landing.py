@@ -215,6 +215,24 @@ def test_an_approach_that_does_not_come_nearer_is_told_every_ten_seconds() -> No
     assert all("m away" in text for text in flight.texts)
 
 
+def test_that_a_landing_goes_on_after_a_hold_is_told_twice() -> None:
+    """Its first line was lost, and the pilot read "holding" for a descent of 15 s."""
+    flight = Flight().engaged().until(Phase.DESCENT)
+    flight.visible = False
+    flight.until(Phase.NOT_LANDING)
+    assert flight.texts[-1].endswith("holding")
+    flight.visible = True
+    flight.until(Phase.DESCENT)
+    flight.run(0.1)
+    flight.texts.clear()
+    flight.run(1.0)
+    assert not flight.texts
+    flight.run(1.0)
+    assert [text.partition(": ")[2].split()[0] for text in flight.texts] == ["descent:"]
+    flight.run(2.5)
+    assert len(flight.texts) == 1
+
+
 def test_an_approach_that_comes_nearer_is_not_told_of_again() -> None:
     flight = Flight(position=(-90.0, 0.0, -8.0)).engaged()
     flight.texts.clear()
