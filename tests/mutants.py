@@ -945,6 +945,21 @@ MUTANTS = [
         "::test_a_vehicle_that_leans_ever_more_where_it_stands_is_levelled",
     ),
     Mutant(
+        "4: sliding down a tilted plate counts as settling",
+        "landerd/guidance/touchdown.py",
+        "return SETTLES_M + slid_m * math.tan(min(motion.tilt, MAX_TILT))",
+        "return SETTLES_M",
+        "guidance/test_touchdown.py"
+        "::test_a_vehicle_that_slides_down_a_tilted_plate_is_levelled_as_soon_as_on_a_level_one",
+    ),
+    Mutant(
+        "4: takes being dragged off a fast pad for an error of its speed",
+        "landerd/guidance/touchdown.py",
+        "slides = DRAGGED_MPS < motion.slip < MOST",
+        "slides = DRAGGED_MPS + motion.slip_error < motion.slip < MOST",
+        "guidance/test_touchdown.py::test_what_drags_across_a_fast_pad_is_no_error_of_its_speed",
+    ),
+    Mutant(
         "4: the last of a slow settling counts as standing",
         TOUCHDOWN,
         "LEVEL_STILL_S + self._settled_s",

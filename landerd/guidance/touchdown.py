@@ -77,7 +77,8 @@ STILL_S = 0.3  # how long
 MAX_SLIP_MPS = 0.1  # speed across the pad: a faster vehicle is still carried by thrust and wind
 PAD_SPEED_ERROR_SHARE = 0.05  # share of a fast pad's speed that may be an error of it
 MAX_ROLL_PITCH_RATE = 0.3  # rad/s: in a faster turn one foot may be down, but not all
-# Sinking since it lies flat, m: on an air cushion a vehicle sinks slower than 0.1 m/s, but sinks.
+# Sinking since it lies flat, m: on an air cushion a vehicle sinks slower than 0.1 m/s, but sinks. One
+# that slides across a tilted plate may sink by its slope besides.
 SETTLES_M = 0.01
 # Longest that it is then taken to settle on, s: slower than 0.04 m/s no air cushion lets it down.
 # Without this, vehicles were levelled 0.45 s after the real touch.
@@ -523,10 +524,10 @@ class Touchdown:
 
     def _is_dragged(self, now: float, motion: ContactMotion) -> bool:
         """Tell whether the wind that it leaned against drags it across the plate it lies on."""
-        across = motion.slip - motion.slip_error
         lies = now - self._lies_since >= DRAGGED_FLAT_S
         lies = lies and self._pressed_s(now) > DRAGGED_AFTER_S
-        return self.leaned and lies and DRAGGED_MPS < across < MOST_DRAGGED_MPS
+        slides = DRAGGED_MPS < motion.slip < MOST_DRAGGED_MPS + motion.slip_error
+        return self.leaned and lies and slides
 
     def _note_still(self, now: float, motion: ContactMotion, *, is_pressed: bool) -> None:
         """Note since when it has lain on the plate, has not turned or settled, and not slid."""
@@ -535,13 +536,24 @@ class Touchdown:
         self._lies_since = min(self._lies_since, now) if lies else math.inf
         if not (motion.roll_pitch_rate < MAX_ROLL_PITCH_RATE and is_pressed):
             self._flat_since = math.inf
-        elif self._flat_since == math.inf or self._has_settled_by(down) > SETTLES_M:
+        elif self._flat_since == math.inf or self._has_settled_by(down) > self._may_slide_down_m(
+            now, motion
+        ):
             self._settled_s = min(max(0.0, now - self._flat_since), MOST_SETTLING_S)
             self._flat_since, self._flat_at = now, down
         if motion.slip < MAX_SLIP_MPS + motion.slip_error:
             self._still_since = max(self._flat_since, min(self._still_since, now))
         else:
             self._still_since = math.inf
+
+    def _may_slide_down_m(self, now: float, motion: ContactMotion) -> float:
+        """Return by how much it may have sunk since it lies flat without having settled, m.
+
+        What lies flat leans as the plate does.
+        """
+        slip = motion.slip if motion.slip < math.inf else 0.0
+        slid_m = slip * (now - self._flat_since)
+        return SETTLES_M + slid_m * math.tan(min(motion.tilt, MAX_TILT))
 
     def _has_settled_by(self, down: tuple[float, float]) -> float:
         """Return by how much more than the pad it has sunk since it lies flat, m."""

@@ -311,12 +311,32 @@ def test_a_vehicle_that_leaned_and_then_slides_lying_flat_is_levelled(
     assert all(standing.level(1.0, slip=slip)[4:])
 
 
+def test_a_vehicle_that_slides_down_a_tilted_plate_is_levelled_as_soon_as_on_a_level_one() -> None:
+    """Once, each centimetre down the slope counted as settling, and it slid off the plate."""
+    slope, slip = math.radians(10.0), 0.28
+    standing = Standing()
+    standing.touchdown.descent(math.radians(20.0))
+    down = slip * math.tan(slope)
+    standing.level(0.25, slip=slip, lean=0.2, roll_pitch_rate=0.8)
+    sliding = standing.level(1.0, slip=slip, tilt=slope, sinks=down, sink_rate=down)
+    assert all(sliding[18:])
+
+
 def test_a_rocking_vehicle_that_is_dragged_off_is_levelled_once_it_lies_on_the_plate() -> None:
     """Once, landerd waited until it rocked no more: it was dragged off the plate and tipped."""
     standing = Standing()
     standing.touchdown.descent(math.radians(20.0))
     assert not any(standing.level(0.5, slip=0.5, lean=math.radians(9.0), roll_pitch_rate=1.2))
     assert all(standing.level(0.5, slip=0.5, lean=math.radians(4.0), roll_pitch_rate=1.2)[6:])
+
+
+def test_what_drags_across_a_fast_pad_is_no_error_of_its_speed() -> None:
+    """Once, up to 0.8 m/s across a pad of 10 m/s passed for one, and it slid off the plate."""
+    standing = Standing()
+    standing.touchdown.descent(math.radians(20.0))
+    standing.level(0.3, slip=0.4, lean=math.radians(9.0), roll_pitch_rate=1.2, pad_speed=10.0)
+    lies = math.radians(4.0)
+    assert all(standing.level(0.5, slip=0.4, lean=lies, roll_pitch_rate=1.2, pad_speed=10.0)[6:])
 
 
 def test_a_vehicle_that_rocks_on_the_plate_without_being_dragged_is_not_levelled() -> None:
