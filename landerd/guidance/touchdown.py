@@ -77,8 +77,8 @@ STILL_S = 0.3  # how long
 MAX_SLIP_MPS = 0.1  # speed across the pad: a faster vehicle is still carried by thrust and wind
 PAD_SPEED_ERROR_SHARE = 0.05  # share of a fast pad's speed that may be an error of it
 MAX_ROLL_PITCH_RATE = 0.3  # rad/s: in a faster turn one foot may be down, but not all
-# Sinking since it lies flat, m: on an air cushion a vehicle sinks slower than 0.1 m/s, but sinks. One
-# that slides across a tilted plate may sink by its slope besides.
+# Sinking since it lies flat, m: on an air cushion a vehicle sinks slower than 0.1 m/s, but sinks.
+# One that slides across a tilted plate may sink by its slope besides.
 SETTLES_M = 0.01
 # Longest that it is then taken to settle on, s: slower than 0.04 m/s no air cushion lets it down.
 # Without this, vehicles were levelled 0.45 s after the real touch.
