@@ -112,9 +112,9 @@ class Standing:
             return Event.GRANTED
         if step.now >= context.stops_until:
             return Event.RELEASE_OVER
+        context.orders.enter(Phase.NOT_LANDING, step.why)
         if not _stand_level(context, self._touchdown, step, released=True):
             context.orders.stop()
-        context.orders.enter(Phase.NOT_LANDING, step.why)
         return None
 
 

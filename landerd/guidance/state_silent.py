@@ -61,7 +61,7 @@ class Releasing:
             context.stops_until = step.now + context.options.release_s
             why = context.why_not_begun(step.now)
         if step.now < context.stops_until:
-            context.orders.stop()
             context.orders.enter(Phase.NOT_LANDING, why)
+            context.orders.stop()
             return None
         return Event.RELEASE_OVER
