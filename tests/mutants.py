@@ -945,6 +945,14 @@ MUTANTS = [
         "::test_a_vehicle_that_leans_ever_more_where_it_stands_is_levelled",
     ),
     Mutant(
+        "6: forgets that a levelled vehicle turned over",
+        "landerd/guidance/landing.py",
+        "TURNS_OVER_S and not self._touchdown.turned_over",
+        "TURNS_OVER_S and not self._touchdown.is_level",
+        "guidance/test_landing.py"
+        "::test_a_levelled_vehicle_that_turns_over_and_falls_back_onto_its_feet_has_not_landed",
+    ),
+    Mutant(
         "4: sliding down a tilted plate counts as settling",
         "landerd/guidance/touchdown.py",
         "return SETTLES_M + slid_m * math.tan(min(motion.tilt, MAX_TILT))",

@@ -194,7 +194,7 @@ class Landing:
         return stops and self._committed.takes_touch_stopped(self._now)
 
     def _turns_over(self) -> bool:
-        """Tell whether it turns over and still has thrust; called at every control step."""
+        """Tell whether it turns over, and that is news; called at every control step."""
         leans = self._tilt > TURNS_OVER
         vehicle = self._context.estimator.fresh_vehicle(self._now) if leans else None
         turns = (
@@ -202,7 +202,7 @@ class Landing:
             and self._context.below.down(self._now) - vehicle.feet[2] < TURNS_OVER_BELOW_M
         )
         self._turns_since = min(self._turns_since, self._now) if turns else math.inf
-        return self._now - self._turns_since >= TURNS_OVER_S and not self._touchdown.is_level
+        return self._now - self._turns_since >= TURNS_OVER_S and not self._touchdown.turned_over
 
     @property
     def _tilt(self) -> float:

@@ -1001,6 +1001,22 @@ def test_a_vehicle_that_turns_over_on_the_ground_is_given_no_thrust(switch_us: i
     assert flight.lander.outcome == ("tipped_over" if switch_us == HIGH else "released")
 
 
+def test_a_levelled_vehicle_that_turns_over_and_falls_back_onto_its_feet_has_not_landed() -> None:
+    """Once, one that lay on its side for 2.5 s, levelled, was told to have landed off the plate."""
+    flight = Flight().engaged()
+    flight.detects_landing = False
+    to(flight, State.ON_PAD)
+    flight.run(1.5)
+    assert flight.pressed
+    flight.pitch = math.radians(70.0)
+    flight.run(0.5)
+    assert "landerd: turns over, disarm by hand" in flight.texts
+    flight.detects_landing, flight.pitch = True, 0.0
+    flight.run(3.0)
+    assert not flight.armed
+    assert flight.lander.outcome == "tipped_over"
+
+
 def test_levelled_it_gets_no_thrust_back_as_it_tips_about_an_edge() -> None:
     """Its middle rises then; a foot stays where it was."""
     flight = Flight().engaged()
