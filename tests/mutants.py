@@ -916,9 +916,16 @@ MUTANTS = [
     Mutant(
         "1b: forgets for want of data that it stood",
         TOUCHDOWN,
-        "if released and (self.stands or self.has_settled(now)):",
-        "if released and self.has_settled(now):",
+        "if self.has_settled(now) or (released and self.stands):",
+        "if self.has_settled(now):",
         "guidance/test_landing.py::test_a_vehicle_that_stood_is_left_standing_when_released_without_data",
+    ),
+    Mutant(
+        "4: presses on with thrust for want of data",
+        TOUCHDOWN,
+        "if self.has_settled(now) or (released and self.stands):",
+        "if released and (self.stands or self.has_settled(now)):",
+        "guidance/test_landing.py::test_pressed_down_for_long_without_data_it_stands_level",
     ),
     Mutant(
         "4: drives on as the pad did that has stopped, when data are stale",

@@ -563,8 +563,10 @@ class Touchdown:
     def without_data(self, now: float, landed: Landed, *, released: bool = False) -> bool:
         """Tell whether to stand level while nothing is known of how the vehicle moves.
 
-        A vehicle that stood counts as standing. When landerd may not fly on it is levelled: it is
-        no longer pressed down then, and would be given thrust for want of data.
+        A vehicle that stood counts as standing. One that has been pressed down for long is on the
+        pad, and levelled: with thrust left, wind drags it off. So is one that stands when landerd
+        may not fly on: it is no longer pressed down then, and would be given thrust for want of
+        data.
 
         Args:
             now: s; called at every control step from contact on without fresh data.
@@ -572,7 +574,7 @@ class Touchdown:
             released: landerd may not fly on.
         """
         self.stands = self.stands or self._confirmed(now, landed)
-        if released and (self.stands or self.has_settled(now)):
+        if self.has_settled(now) or (released and self.stands):
             self.settle(now)
         return self._level
 

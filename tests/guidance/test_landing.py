@@ -796,6 +796,18 @@ def test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_m
     assert len(flight.pressed) > 30
 
 
+def test_pressed_down_for_long_without_data_it_stands_level() -> None:
+    """Once, it was pressed down with thrust left for 3 s, and wind dragged it off the plate."""
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.silent.add(LocalPosition)
+    flight.run(2.0)
+    assert flight.pressed == []
+    flight.run(1.0)
+    assert flight.pressed
+
+
 def levelled_out() -> Flight:
     """Return a flight whose vehicle the pad, which moves at 1 m/s, has just levelled."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
