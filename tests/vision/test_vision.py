@@ -80,6 +80,17 @@ def test_ring_and_tag_together_tell_north() -> None:
     assert float(np.dot(north, view.R_camera_pad[:, 0])) > math.cos(math.radians(0.3))
 
 
+def test_some_tags_of_seven_pixels_across_are_read_beside_their_ring() -> None:
+    """Once, none below 8 px was looked for."""
+    read = 0
+    for i in range(10):
+        view = look(BIG_CAMERA, 11.0, math.radians(45.0), pixel=(300, 230), heading=0.6 * i)
+        image = render(view, BIG_CAMERA, Optics(background="asphalt"), np.random.default_rng(i))
+        vision = Vision(THESIS_PAD, BIG_CAMERA, VisionSection())
+        read += "apriltag" in kinds(vision.process(Frame(0.0, 0, image)))
+    assert read >= 3
+
+
 def test_the_level_pose_of_a_tag_beside_its_ring_is_taken_and_not_the_mirrored_one() -> None:
     rng = np.random.default_rng([7, 44])
     at = look(
