@@ -510,7 +510,8 @@ def _max_shift_px(e: RingEdgeFit) -> float:
     """Return the largest shift by a tone curve and an inexact print, px."""
     blurs = _MAX_SHIFT_BLURS
     if _is_clipped(e):
-        blurs = max(blurs, _OVERLAP * _clipped_shift_blurs(e.darkest / 255.0))
+        black = min(e.darkest, _CLIPPED_BLACK) / 255.0
+        blurs = max(blurs, _OVERLAP * _clipped_shift_blurs(black))
     return _MAX_SHIFT_PX + blurs * e.blur_px + _PRINT_SHARE * e.radius_px
 
 
@@ -522,7 +523,7 @@ def _clipped_shift_blurs(black: float) -> float:
     contrast is there `over * exp(-q^2 / 2)` times that of the unclipped edge.
 
     Args:
-        black: level of the ink over full scale.
+        black: level of the ink over full scale, below 1.
     """
     exposure = min(black / _BLACKEST_INK, _MAX_EXPOSURE)
     over = (exposure - black) / (1.0 - black)
