@@ -962,8 +962,8 @@ MUTANTS = [
     Mutant(
         "4: sliding down a tilted plate counts as settling",
         "landerd/guidance/touchdown.py",
-        "return SETTLES_M + slid_m * math.tan(min(motion.tilt, MAX_TILT))",
-        "return SETTLES_M",
+        "> SETTLES_M + slid_m * slope",
+        "> SETTLES_M",
         "guidance/test_touchdown.py"
         "::test_a_vehicle_that_slides_down_a_tilted_plate_is_levelled_as_soon_as_on_a_level_one",
     ),
@@ -1166,8 +1166,8 @@ MUTANTS = [
     Mutant(
         "4: levels what slides too fast to stand",
         TOUCHDOWN,
-        "return self.leaned and lies and slides",
-        "return self.leaned and lies and DRAGGED_MPS < across",
+        "slides = DRAGGED_MPS < motion.slip < MOST_DRAGGED_MPS + motion.slip_error",
+        "slides = DRAGGED_MPS < motion.slip",
         "guidance/test_touchdown.py"
         "::test_a_vehicle_that_leaned_and_then_slides_lying_flat_is_levelled",
     ),

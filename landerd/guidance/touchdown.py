@@ -531,34 +531,28 @@ class Touchdown:
 
     def _note_still(self, now: float, motion: ContactMotion, *, is_pressed: bool) -> None:
         """Note since when it has lain on the plate, has not turned or settled, and not slid."""
-        down = motion.feet_down, motion.pad_down
         lies = motion.lean < LIES_FLAT and is_pressed
         self._lies_since = min(self._lies_since, now) if lies else math.inf
         if not (motion.roll_pitch_rate < MAX_ROLL_PITCH_RATE and is_pressed):
             self._flat_since = math.inf
-        elif self._flat_since == math.inf or self._has_settled_by(down) > self._may_slide_down_m(
-            now, motion
-        ):
+        elif self._flat_since == math.inf or self._settles(now, motion):
             self._settled_s = min(max(0.0, now - self._flat_since), MOST_SETTLING_S)
-            self._flat_since, self._flat_at = now, down
+            self._flat_since, self._flat_at = now, (motion.feet_down, motion.pad_down)
         if motion.slip < MAX_SLIP_MPS + motion.slip_error:
             self._still_since = max(self._flat_since, min(self._still_since, now))
         else:
             self._still_since = math.inf
 
-    def _may_slide_down_m(self, now: float, motion: ContactMotion) -> float:
-        """Return by how much it may have sunk since it lies flat without having settled, m.
+    def _settles(self, now: float, motion: ContactMotion) -> bool:
+        """Tell whether it has sunk more than the pad, and than by sliding, since it lies flat.
 
         What lies flat leans as the plate does.
         """
+        feet_down, pad_down = self._flat_at
+        sunk_m = motion.feet_down - feet_down - max(0.0, motion.pad_down - pad_down)
         slip = motion.slip if motion.slip < math.inf else 0.0
-        slid_m = slip * (now - self._flat_since)
-        return SETTLES_M + slid_m * math.tan(min(motion.tilt, MAX_TILT))
-
-    def _has_settled_by(self, down: tuple[float, float]) -> float:
-        """Return by how much more than the pad it has sunk since it lies flat, m."""
-        feet, pad = (now - then for now, then in zip(down, self._flat_at, strict=True))
-        return feet - max(0.0, pad)
+        slid_m, slope = slip * (now - self._flat_since), math.tan(min(motion.tilt, MAX_TILT))
+        return sunk_m > SETTLES_M + slid_m * slope
 
     def without_data(self, now: float, landed: Landed, *, released: bool = False) -> bool:
         """Tell whether to stand level while nothing is known of how the vehicle moves.
