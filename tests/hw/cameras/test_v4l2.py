@@ -443,6 +443,9 @@ def test_a_camera_that_opens_after_nobody_waits_for_it_any_more_is_closed() -> N
         may_open.set()
 
     asyncio.run(main())
+    end = time.monotonic() + 5.0
+    while (source.opened < 1 or source.node is not None) and time.monotonic() < end:
+        time.sleep(0.01)  # the thread that opens it closes it, when it gets to run
     assert source.opened == 1
     assert source.node is None
 
