@@ -336,9 +336,13 @@ def edge_fits(
     vouches: Vouches | None = None,
 ) -> list[RingFit]:
     """Return the fits to edges near expected poses, best first; empty if they are no ring's."""
-    found = [e for e in (edge_fit(image, camera, ring, s) for s in starts) if e is not None]
-    if not found:
-        return []
+    found: list[RingEdgeFit] = []
+    for start in starts:
+        edges = edge_fit(image, camera, ring, start)
+        if edges is not None:
+            found.append(edges)
+        if not found or _is_hopeless(found[0]):
+            return []
     found, noise = _best_first(found)
     inflation = 1.0 if _is_expected_ring(found[0]) else _told(found[0], ring, vouches)
     if inflation is None:

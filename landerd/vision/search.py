@@ -46,6 +46,10 @@ _MAX_SCALE = 4.5
 # on.
 _EVENED_SIDE_PX, _EVENED_PX = 40.0, 13
 _MAX_EVENED_SCALE = 1.4  # enlargement from which on a square is too small for that
+# Scale at which the whole of a textured image is looked at before the next one is searched at its
+# full size: in less than half of the time it shows all of 93 tags of the thesis's pad at 0.7 to 2 m
+# and half of those at 5 m, in exact pictures.
+_GLANCE_SCALE = 0.5
 # The least foreshortening by which the enlargement allows for an oblique view: the cosine of the
 # angle between line of sight and normal.
 _MIN_SLANT = 0.35
@@ -152,7 +156,9 @@ class Search:
         squares_wait = elsewhere.squares_wait and not rings and self._may_squares_wait(image)
         self._state = policy.after(self._state, t, seen, was_cut=was_cut, squares_wait=squares_wait)
         where = elsewhere.squares
-        if elsewhere.squares_wait and not squares_wait:
+        if squares_wait:
+            return rings, self._large_squares(image)
+        if elsewhere.squares_wait:
             where = SquareSearch.ANYWHERE
         if where is not SquareSearch.NONE and layout.squares:
             squares = self._squares_elsewhere(image, rings, where)
@@ -171,6 +177,11 @@ class Search:
         """
         has_squares = bool(self._layout.squares)
         return has_squares and not self._saw_bare and self._detectors.is_textured(image)
+
+    def _large_squares(self, image: Image) -> list[FoundSquare]:
+        """Return the squares seen in the whole image as it is reduced by `_GLANCE_SCALE`."""
+        h, w = image.shape
+        return self._detectors.find_squares(image, Window(0, 0, w, h), _GLANCE_SCALE)
 
     def _rings_expected(
         self, image: Image, expected: Expected, down: Vec3 | None, which: ExpectedRings

@@ -76,7 +76,7 @@ def test_an_error_of_the_tag_found_by_the_ring_is_remembered_without_the_ring() 
     seen = shown(vision, pad, tag_only, 41)
     assert [m.kind for m in seen.markers] == ["apriltag"]
     fresh = Vision(THESIS_PAD, CAMERA, VisionSection())
-    shown(fresh, pad, tag_only)  # in texture squares are looked for in the next picture
+    shown(fresh, pad, tag_only)  # in texture squares are looked for thoroughly in the next picture
     unaware = shown(fresh, pad, tag_only, 1)
     assert math.dist(unaware.pad[0].position, tag_only.position) > 0.008
     assert math.dist(seen.pad[0].position, tag_only.position) < 0.006

@@ -16,7 +16,16 @@ from landerd.vision.pose import Pose, vec3
 from landerd.vision.square import SquareFinder, is_textured, printed_cells
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import poses_from_corners, square_points
-from tests.vision.scenes import IDEAL_CAMERA, THESIS_CAMERA, Bar, Optics, View, look, render
+from tests.vision.scenes import (
+    IDEAL_CAMERA,
+    THESIS_CAMERA,
+    THESIS_PAD,
+    Bar,
+    Optics,
+    View,
+    look,
+    render,
+)
 
 PLATE = Plate(north_m=0.3, south_m=0.3, east_m=0.3, west_m=0.3)
 
@@ -78,6 +87,21 @@ def test_tags_of_twelve_pixels_are_found_within_eight_searches_of_a_whole_image(
             count += 1
             assert np.abs(found[0].corners - corners_px(view, square)).max() < 1.5
     assert count >= 8
+
+
+def test_a_near_tag_without_its_ring_is_seen_in_the_first_picture_of_textured_ground() -> None:
+    seen = 0
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        # The tag is in the picture, the ring 0.75 m aside of it mostly is not.
+        tag_at = look(THESIS_CAMERA, 0.8, 0.3, pixel=(320.0, 240.0), heading=rng.uniform(0.0, 6.0))
+        off = tag_at.R_camera_pad @ np.array([*THESIS_PAD.squares[0].position_m, 0.0])
+        view = View(vec3(np.array(tag_at.position) - off), tag_at.R_camera_pad)
+        image = render(view, THESIS_CAMERA, Optics(), rng)
+        assert is_textured(image)
+        found = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection()).process(Frame(0.0, 0, image))
+        seen += any(marker.kind == "apriltag" for marker in found.markers)
+    assert seen == 10
 
 
 @pytest.mark.parametrize("dictionary", ["APRILTAG_36h11", "4X4_50"])
