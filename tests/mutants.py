@@ -1400,6 +1400,22 @@ MUTANTS = [
         "test_a_small_ring_without_the_plate_is_not_taken_for_a_pad_of_one_ring",
     ),
     Mutant(
+        "takes edges of another ratio for edges in motion",
+        "landerd/vision/ring_explained.py",
+        "least = _ANOTHER_MOVING_NOISE if e.motion_px > 0.0 else _ANOTHER_NOISE",
+        "least = _ANOTHER_NOISE",
+        "vision/test_ring_explained.py"
+        "::test_a_still_oblique_ring_of_another_ratio_in_blown_out_white_is_none_of_ours",
+    ),
+    Mutant(
+        "looks for squares on textured ground in the second picture only",
+        "landerd/vision/search.py",
+        "return rings, self._large_squares(image)",
+        "return rings, []",
+        "vision/test_square.py"
+        "::test_a_near_tag_without_its_ring_is_seen_in_the_first_picture_of_textured_ground",
+    ),
+    Mutant(
         "2: takes a wheel for a ring",
         "landerd/vision/ring_explained.py",
         "if is_ring and is_even and",

@@ -11,13 +11,14 @@ This is the fit behind `ring_explained`, which decides whether the edges are a r
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.ma  # np.median loads it when first called: 40 ms, in flight
+from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.pad import Ring
@@ -39,8 +40,11 @@ _INTO_BLACK, _INTO_WHITE = 0.27, 0.2
 _FINE_PX = 4.0
 _COARSE_ROUNDS, _FINE_ROUNDS = 1, 2  # a round looks for edges about a pose and fits it to them
 _DESCENTS = 2  # Gauss-Newton steps in one round
-_SHIFT, _RATIO = 5, 6  # rows of a step, after those of centre and tilt
-_FREED_DESCENTS = 4  # steps with the ratio fitted as well
+# Rows of a step, after those of centre and tilt; and which of them are fitted as a rule, with the
+# ratio free, and with a motion.
+_SHIFT, _RATIO, _MOTION, _ROWS = 5, 6, slice(7, 9), 9
+_HELD, _FREE, _MOVED = slice(0, 6), slice(0, 7), np.r_[0:6, 7:9]
+_FREED_DESCENTS = 4  # steps with the ratio or a motion fitted as well
 _LEAST_RATIO, _MOST_RATIO = 0.1, 0.95
 _SETTLED_PX = 0.1  # a round that moves the edges by less is the last
 # Least share of the rays whose edge is near the fitted one after the first round, and how near, a
@@ -51,7 +55,16 @@ _END = 5  # samples at either end of a band whose mean is black or white
 _LEVEL_RAYS = 2  # neighbours to either side with which a ray takes the median of black and white
 _BESIDE = (np.arange(_RAYS)[:, None] + np.arange(-_LEVEL_RAYS, _LEVEL_RAYS + 1)) % _RAYS
 _COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04  # least noise of edges: in the first round, later
-_SHIFT_SIGMA_PX = 0.5  # of the shift by a tone curve, before anything is seen
+# Sigma of the shift by a tone curve, and of a motion's part of it, before anything is seen.
+_SHIFT_SIGMA_PX, _MOTION_SIGMA_PX = 0.5, 2.0
+# Noise of edges, px, from which on a motion is looked for. It explains them if the noise is less
+# than the second times that without it, and edges across it are blurred more than those along: by
+# the third, a factor, and by the fourth times its part of the shift. 75 rings that moved by 4 to 15
+# px behind a gamma of 2.2 or with white up to 2.5 times over full scale gave a factor of 1.12 at
+# least, one 1.09; oblique rings of another ratio and letters in clipped white 1.09 at most, one
+# letter 1.14.
+_RESTLESS_PX, _MOTION_NOISE, _MOTION_BROADER, _MOTION_BLUR = 0.2, 0.8, 1.1, 0.3
+_LEAST_EDGES = 6  # across a motion, and along it
 # Shift by white that is 2.5 to 5 times over full scale, in blurs.
 _CLIPPED_SHIFT_BLURS = 1.3
 # Share of the rays: a shadow as wide as a ring's hole dims as many of those beyond the ring, and
@@ -73,10 +86,15 @@ class RingEdgeFit:
 
     position: F64  # (3,), m
     normal: F64  # (3,)
-    shift_px: float  # of both edges, into the black
+    shift_px: float  # of both edges, into the black; in motion that of the edges along its way
     sigma_shift: float  # px
+    motion_px: (
+        float  # how much more the edges across a motion are shifted, halved; 0: there is none
+    )
     noise_px: float  # robust sigma of the edges' residuals
-    blur_px: float  # sigma, by the slopes of the edges; the median
+    blur_px: (
+        float  # sigma, by the slopes of the edges; the median, in motion of those along its way
+    )
     broad_px: float  # the same of the broadest quarter of the edges
     radius_px: float
     support: tuple[float, float]  # share of the rays in the image with an edge: outer, inner
@@ -96,7 +114,7 @@ class RingEdgeFit:
     contrast: tuple[float, float]  # grey levels
     depth: tuple[float, float]  # as a share of the white
     uneven: float  # change of light about the ring: white from its 10 to its 90 %, over its median
-    freed: Callable[[], "Freed"]  # the fit with the ratio free, computed on demand
+    freed: Callable[[], "Freed"]  # the fit without motion, the ratio free, computed on demand
 
 
 @dataclass(frozen=True)
@@ -114,6 +132,7 @@ class _Edges:
 
     rays: F32  # lines of sight of the edges, (3, 2 n), z = 1
     seen: Mask  # (2 n,)
+    blurs_px: F64  # sigma, by the slope of each edge, (2 n,); anything where none is seen
     blur_px: float  # sigma, by the slopes of the edges; the median
     broad_px: float  # the same of the broadest quarter: along a motion edges are broader
     in_image: Mask  # (2 n,)
@@ -129,27 +148,31 @@ def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: CirclePose) -> R
         ring: its true size and ratio.
         start: a pose under which edges are off by a tenth of the radius at most.
     """
-    pose, shift = start, 0.0
-    radius_px = _radius_px(camera, ring, pose)
+    at = _Estimate(start)
+    radius_px = _radius_px(camera, ring, start)
     for i in range(_COARSE_ROUNDS + _FINE_ROUNDS):
-        is_coarse, before = i < _COARSE_ROUNDS, pose
+        is_coarse, before = i < _COARSE_ROUNDS, at.pose
         reach = 1.0 if is_coarse else min(1.0, _FINE_PX / (_INTO_WHITE * radius_px))
-        edges = _edges(image, camera, ring, pose, reach)
+        edges = _edges(image, camera, ring, before, reach)
         if edges is None or np.count_nonzero(edges.seen) < _MIN_RAYS:
             return None
         least = _COARSE_NOISE_PX if is_coarse else _LEAST_NOISE_PX
-        fitted = _descended(edges, ring, camera, pose, shift, least)
+        fitted = _descended(edges, ring, camera, at, least)
         if fitted is None:
             return None
-        pose, shift, noise, equations = fitted
-        radius_px = _radius_px(camera, ring, pose)
+        at, noise, equations = fitted
+        radius_px = _radius_px(camera, ring, at.pose)
         if is_coarse and not _has_support(edges, equations, radius_px):
             return None
         if not _MIN_RADIUS_PX < radius_px < 4.0 * max(image.shape):
             return None
         is_last = i == _COARSE_ROUNDS + _FINE_ROUNDS - 1
-        if is_last or (not is_coarse and moved_px(camera, ring, before, pose) < _SETTLED_PX):
-            return _judged(image, camera, ring, pose, shift, noise, edges, equations)
+        if is_last or (not is_coarse and moved_px(camera, ring, before, at.pose) < _SETTLED_PX):
+            freed = partial(_freed, edges, ring, camera, at, noise)
+            moving = _in_motion(edges, ring, camera, at, noise) if noise > _RESTLESS_PX else None
+            if moving is not None:
+                at, noise, equations, edges = moving
+            return _judged(image, camera, ring, at, noise, edges, equations, freed)
     return None
 
 
@@ -240,14 +263,21 @@ def _edges(
     across = px[:, -1] - px[:, 0]
     spacing = np.sqrt((across * across).sum(axis=-1)) / (_SAMPLES - 1)
     slope = rise / np.maximum(spacing, 1e-3)
-    blurs = np.sort(((white - black) / slope)[seen]) / math.sqrt(2.0 * math.pi)
+    of_edges = (white - black) / slope / math.sqrt(2.0 * math.pi)
+    blurs = np.sort(of_edges[seen])
     n = len(blurs)
     blur, broad = (float(blurs[n // 2]), float(blurs[3 * n // 4])) if n else (0.0, 0.0)
     where = np.stack([R + found[0], r - found[1]])
     points = _points(ring, pose, where).reshape(-1, 3)
     rays = (points / points[:, 2:]).T.astype(np.float32)
     return _Edges(
-        rays, seen.ravel(), blur, broad, in_image.ravel(), np.stack([black, white], axis=1)
+        rays,
+        seen.ravel(),
+        of_edges.ravel(),
+        blur,
+        broad,
+        in_image.ravel(),
+        np.stack([black, white], axis=1),
     )
 
 
@@ -263,61 +293,104 @@ class _Equations:
 
     residual: F64  # of outer and inner edges, (2 n,), px
     weight: F64  # (2 n,)
-    H: F64  # normal matrix (7, 7) of centre, tilt, shift, ratio; over the variance of an edge
-    b: F64  # right side, (7,)
+    H: F64  # normal matrix (9, 9) of centre, tilt, shift, ratio, motion; over an edge's variance
+    b: F64  # right side, (9,)
     scale: float  # variance of the weighted residuals, over that of an edge
     axes: F32  # of the ring's plane, (3, 3)
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """What is fitted to edges."""
+
+    pose: CirclePose
+    shift: float = 0.0  # of both edges, into the black, px; the mean of all directions
+    # More of it for edges whose normal lies along the image's x, and along the diagonal between x
+    # and y, px, (2,): less for those across.
+    motion: F64 = field(default_factory=lambda: np.zeros(2))
 
 
 def _descended(
     edges: _Edges,
     ring: Ring,
     camera: CameraModel,
-    pose: CirclePose,
-    shift: float,
+    at: _Estimate,
     least_noise: float,
-) -> tuple[CirclePose, float, float, _Equations] | None:
-    """Return pose, shift (px), noise (px) and equations after `_DESCENTS` robust steps.
-
-    None: a step fails.
-    """
+) -> tuple[_Estimate, float, _Equations] | None:
+    """Return estimate, noise (px) and equations after `_DESCENTS` robust steps; None: one fails."""
     for _ in range(_DESCENTS):
-        equations, noise = _normal_equations(edges, ring, camera, pose, shift, least_noise)
-        stepped = _stepped(pose, equations, _SHIFT + 1)
+        equations, noise = _normal_equations(edges, ring, camera, at, least_noise)
+        stepped = _stepped(at, equations, _HELD)
         if stepped is None:
             return None
-        pose, step = stepped
-        shift += float(step[_SHIFT])
-    return pose, shift, noise, equations
+        at, _ = stepped
+    return at, noise, equations
 
 
-def _freed(
-    edges: _Edges, ring: Ring, camera: CameraModel, pose: CirclePose, shift: float, noise: float
-) -> Freed:
+def _freed(edges: _Edges, ring: Ring, camera: CameraModel, at: _Estimate, noise: float) -> Freed:
     """Return the fit of the same edges with the ratio free, from one that held it at the ring's."""
     for _ in range(_FREED_DESCENTS):
-        equations, noise = _normal_equations(edges, ring, camera, pose, shift, _LEAST_NOISE_PX)
-        stepped = _stepped(pose, equations, _RATIO + 1)
+        equations, noise = _normal_equations(edges, ring, camera, at, _LEAST_NOISE_PX)
+        stepped = _stepped(at, equations, _FREE)
         if stepped is None:
             break
-        pose, step = stepped
-        shift += float(step[_SHIFT])
+        at, step = stepped
         ratio = min(max(ring.inner_ratio + float(step[_RATIO]), _LEAST_RATIO), _MOST_RATIO)
         ring = ring.model_copy(update={"inner_ratio": ratio})
-    return Freed(ring.inner_ratio, shift, noise)
+    return Freed(ring.inner_ratio, at.shift, noise)
 
 
-def _stepped(pose: CirclePose, equations: _Equations, rows: int) -> tuple[CirclePose, F64] | None:
-    """Return the pose after a step of the first `rows` unknowns, the others held, and the step.
+def _in_motion(
+    edges: _Edges, ring: Ring, camera: CameraModel, at: _Estimate, noise: float
+) -> tuple[_Estimate, float, _Equations, _Edges] | None:
+    """Return a fit to the same edges in motion behind a tone curve or beside clipped white.
 
-    None: the equations are singular, or the step is implausible.
+    There the moving white hides more of the black than it uncovers: edges across the way are
+    shifted further than those along it. None: that does not explain them much better, or edges
+    across are not as much broader than those along as a motion makes them.
     """
-    solved, column = cv2.solve(equations.H[:rows, :rows], equations.b[:rows, None])
+    before = noise
+    for _ in range(_FREED_DESCENTS):
+        equations, noise = _normal_equations(edges, ring, camera, at, _LEAST_NOISE_PX)
+        stepped = _stepped(at, equations, _MOVED)
+        if stepped is None:
+            return None
+        at, _ = stepped
+    size = float(np.hypot(*at.motion))
+    turn = (at.motion / max(size, 1e-9)) @ _turns(edges, camera, at.pose)
+    across, along = (edges.blurs_px[edges.seen & (s * turn > 0.5)] for s in (1.0, -1.0))
+    if noise > _MOTION_NOISE * before or min(len(across), len(along)) < _LEAST_EDGES:
+        return None
+    wide, sharp = float(np.median(across)), float(np.median(along))
+    if wide < max(_MOTION_BROADER * sharp, math.hypot(sharp, _MOTION_BLUR * size)):
+        return None
+    return at, noise, equations, replace(edges, blur_px=sharp)
+
+
+def _turns(edges: _Edges, camera: CameraModel, pose: CirclePose) -> F64:
+    """Return cosine and sine, (2, 2 n), of twice the angle of the edges' normals to the x axis."""
+    t32, axes = pose_axes(pose)
+    x, y = PlaneView(edges.rays, camera.focal, t32, axes).across()[0].astype(np.float64)
+    return np.stack([x * x - y * y, 2.0 * x * y])
+
+
+def _stepped(
+    at: _Estimate, equations: _Equations, rows: slice | NDArray[np.intp]
+) -> tuple[_Estimate, F64] | None:
+    """Return the estimate after a step of some of the unknowns, the others held, and the step.
+
+    The step is (9,). None: the equations are singular, or the step is implausible.
+    """
+    H = np.ascontiguousarray(equations.H[rows][:, rows])
+    solved, column = cv2.solve(H, equations.b[rows, None])
     if not (solved and np.isfinite(column).all()):
         return None
-    step: F64 = np.asarray(column[:, 0], dtype=np.float64)
-    moved = _moved(pose, step, equations.axes)
-    return None if moved is None else (moved, step)
+    step = np.zeros(_ROWS)
+    step[rows] = column[:, 0]
+    pose = _moved(at.pose, step, equations.axes)
+    if pose is None:
+        return None
+    return _Estimate(pose, at.shift + float(step[_SHIFT]), at.motion + step[_MOTION]), step
 
 
 def _moved(pose: CirclePose, step: F64, axes: F32) -> CirclePose | None:
@@ -338,13 +411,12 @@ def _normal_equations(
     edges: _Edges,
     ring: Ring,
     camera: CameraModel,
-    pose: CirclePose,
-    shift: float,
+    at: _Estimate,
     least_noise: float,
 ) -> tuple[_Equations, float]:
-    """Return the linearised problem about a pose, and the noise of edges, px."""
-    focal = camera.focal
-    t32, axes = pose_axes(pose)
+    """Return the linearised problem about an estimate, and the noise of edges, px."""
+    focal, shift = camera.focal, at.shift
+    t32, axes = pose_axes(at.pose)
     g = PlaneView(edges.rays, focal, t32, axes)
     n = _RAYS
     radii = np.repeat([ring.radius_m, ring.radius_m * ring.inner_ratio], n)
@@ -358,8 +430,11 @@ def _normal_equations(
         / (radii * scale**3)
         * min(_true_blur_px(edges, shift), 0.1 * ring.radius_m / float(scale.min())) ** 2
     )
-    residual = (g.rho[0] - radii) / scale + bend + inwards * shift
-    J = np.empty((_RATIO + 1, 2 * n))
+    x, y = g.across()[0].astype(np.float64)
+    turns = np.stack([x * x - y * y, 2.0 * x * y])
+    residual = (g.rho[0] - radii) / scale + bend + inwards * (shift + at.motion @ turns)
+    J = np.empty((_ROWS, 2 * n))
+    J[_MOTION] = -inwards * turns
     J[:3] = g.u[0] / scale
     J[3:5] = (g.a[0] * g.rho[0])[None] * g.u[0, :2] / scale
     J[_SHIFT] = -inwards
@@ -375,6 +450,8 @@ def _normal_equations(
     H[4, 4] += 1.0
     H[_SHIFT, _SHIFT] += 1.0 / _SHIFT_SIGMA_PX**2
     b[_SHIFT] -= shift / _SHIFT_SIGMA_PX**2
+    H[_MOTION, _MOTION] += np.eye(2) / _MOTION_SIGMA_PX**2
+    b[_MOTION] -= at.motion / _MOTION_SIGMA_PX**2
     used = float(weight.sum())
     spread = float((weight * residual**2).sum()) / max(used - 6.0, 4.0) / noise**2
     return _Equations(residual, weight, H, b, spread, axes[0]), noise
@@ -392,22 +469,25 @@ def _judged(
     image: U8,
     camera: CameraModel,
     ring: Ring,
-    pose: CirclePose,
-    shift: float,
+    at: _Estimate,
     noise: float,
     edges: _Edges,
     equations: _Equations,
+    freed: Callable[[], Freed],
 ) -> RingEdgeFit:
     """Return the fit with everything that tells whether it is of a ring."""
+    pose, motion = at.pose, float(np.hypot(*at.motion))
+    shift = at.shift - motion
     radius_px = _radius_px(camera, ring, pose)
     off = np.abs(equations.residual)
     reach = min(_NEAR_PX, _NEAR_SMALL * radius_px) + _NEAR_SHARE * radius_px
     near = edges.seen & (off < reach)
     there = np.maximum(edges.in_image.reshape(2, _RAYS).sum(axis=1), 1)
     support = near.reshape(2, _RAYS).sum(axis=1) / there
-    areas = _areas(image, camera, ring, pose, edges, max(shift, 0.0) / radius_px)
+    areas = _areas(image, camera, ring, pose, edges, max(at.shift + motion, 0.0) / radius_px)
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
-    covariance = inverse(equations.H[:_RATIO, :_RATIO]) * max(equations.scale, 0.3) * few
+    rows = _MOVED if motion else _HELD
+    covariance = inverse(equations.H[rows][:, rows]) * max(equations.scale, 0.3) * few
     seen = edges.seen.reshape(2, _RAYS)
     levels = (
         _median(edges.levels[1, 1], seen[1]),
@@ -422,6 +502,7 @@ def _judged(
         normal=pose[1],
         shift_px=shift,
         sigma_shift=math.sqrt(float(covariance[5, 5])),
+        motion_px=motion,
         noise_px=noise,
         blur_px=edges.blur_px,
         broad_px=edges.broad_px,
@@ -442,7 +523,7 @@ def _judged(
         contrast=(contrast[0], contrast[1]),
         depth=(depth[0], depth[1]),
         uneven=_uneven(edges.levels[0, 1][seen[0]]),
-        freed=partial(_freed, edges, ring, camera, pose, shift, noise),
+        freed=freed,
     )
 
 

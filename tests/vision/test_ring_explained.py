@@ -30,9 +30,12 @@ def light(
     bar: scenes.Bar | None = None,
     blur_px: float = 0.6,
     layout: PadLayout = scenes.THESIS_PAD,
+    motion_px: tuple[float, float] = (0.0, 0.0),
 ) -> NDArray[np.float64]:
     """Return the light of a view (height, width), white paper 1, all but noiseless."""
-    optics = scenes.Optics(white=WHITE, black=0.12 * WHITE, noise=0.0, bar=bar, blur_px=blur_px)
+    optics = scenes.Optics(
+        white=WHITE, black=0.12 * WHITE, noise=0.0, bar=bar, blur_px=blur_px, motion_px=motion_px
+    )
     image = scenes.render(view, CAMERA, optics, np.random.default_rng(2), layout)
     return image / WHITE
 
@@ -53,6 +56,35 @@ def check(image: U8, view: scenes.View, share: float, ring: Ring = RING) -> str:
     assert float(np.linalg.norm(error)) < share * float(np.linalg.norm(view.position))
     assert float(error @ np.linalg.solve(np.array(pose.covariance), error)) < CHI2_99
     return found[0].stage
+
+
+@pytest.mark.parametrize(("over", "gamma"), [(2.5, 1.0), (1.6, 2.2)])
+@pytest.mark.parametrize("distance", [2.0, 4.0, 7.0, 10.0])
+def test_a_moving_ring_in_blown_out_white_is_seen(
+    distance: float, over: float, gamma: float
+) -> None:
+    """White that moves hides more of the black than it uncovers: across its way edges shrink."""
+    view = seen(distance, 25.0)
+    moved = light(view, motion_px=(5.0, 5.5))
+    level = np.clip(over * moved, 0.0, 1.0) ** (1.0 / gamma)
+    assert check(picture(level), view, 0.015) == "edges"
+
+
+@pytest.mark.parametrize("distance", [8.0, 11.0])
+@pytest.mark.parametrize("over", [2.5, 4.0])
+def test_a_still_oblique_ring_of_another_ratio_in_blown_out_white_is_none_of_ours(
+    over: float, distance: float
+) -> None:
+    """A motion would explain its edges as well as the other ratio does."""
+    for ratio in (0.56, 0.6):
+        layout = PadLayout(
+            name="other",
+            markers=(Ring(kind="whycon", outer_diameter_m=1.0, inner_ratio=ratio),),
+            plate=scenes.THESIS_PAD.plate,
+        )
+        for tilt_deg in (45.0, 55.0):
+            image = picture(over * light(seen(distance, tilt_deg), layout=layout))
+            assert not find_rings(image, RING, CAMERA)
 
 
 @pytest.mark.parametrize("distance", [2.0, 7.0, 10.0, 15.0])
