@@ -123,6 +123,8 @@ class Sightings:
     sigma_t: float = 0.0  # the frame's
     arrived_t: float | None = None  # when the camera gave the frame, s; None: not told
     other_id: int | None = None  # of a tag beside a ring of the pad's kind: another pad, left out
+    # Only rings show it whose plate is not in view enough to tell it from another one.
+    may_be_another: bool = False
 
 
 # ---- from the autopilot ------------------------------------------------------------------------

@@ -1400,6 +1400,14 @@ MUTANTS = [
         "test_a_small_ring_without_the_plate_is_not_taken_for_a_pad_of_one_ring",
     ),
     Mutant(
+        "believes in a ring whose plate the picture's edge cuts as soon as in another",
+        "landerd/estimation/pad_filter.py",
+        "least_s = CONFIRM_S if self._is_told else CONFIRM_UNTOLD_S",
+        "least_s = CONFIRM_S",
+        "estimation/test_pad_filter.py"
+        "::test_what_may_be_another_pad_is_believed_once_it_is_shown_not_to_be_or_later",
+    ),
+    Mutant(
         "takes edges of another ratio for edges in motion",
         "landerd/vision/ring_explained.py",
         "least = _ANOTHER_MOVING_NOISE if e.motion_px > 0.0 else _ANOTHER_NOISE",

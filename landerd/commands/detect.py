@@ -331,6 +331,7 @@ def as_json(
         "markers": [_marker(m) for m in sightings.markers],
         "pad": _pose(sightings.pad[0]) if sightings.pad else None,
         "other_id": sightings.other_id,
+        "may_be_another": sightings.may_be_another,
         "disagreement": None if wrong is None else _disagreement(wrong),
         "ms": round(ms, 3),
     }
@@ -396,6 +397,8 @@ def _in_words(name: str, sightings: Sightings, ms: float, wrong: Disagreement | 
         parts.append(f"pad at {_place(sightings.pad[0])}")
     if sightings.other_id is not None:
         parts.append(f"another pad: tag {sightings.other_id} lies beside its ring")
+    if sightings.may_be_another:
+        parts.append("may be another pad: its plate is cut by the picture's edge")
     if wrong is not None:
         parts.append(f"markers disagree: {wrong.text}")
     return f"{name}: {'; '.join(parts) or 'nothing found'} ({ms:.1f} ms)"

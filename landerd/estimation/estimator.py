@@ -124,7 +124,7 @@ class Estimator:
         else:
             self.inconsistency.unseen(t)
         refused_before = self._filter.rejected
-        is_accepted = self._filter.update(observations)
+        is_accepted = self._filter.update(observations, may_be_another=sightings.may_be_another)
         if not math.isnan(self._filter.nis):
             refused = self._filter.rejected > refused_before
             self.health.on_sighting(t, self._filter.nis, refused=refused)

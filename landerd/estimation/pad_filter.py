@@ -45,6 +45,9 @@ from landerd.geometry import (
 # this time at least, s, so that the camera has turned to what it saw at the edge of a picture:
 # there the surroundings that tell one ring from another may be out of the picture.
 SIGHTINGS_TO_CONFIRM, CONFIRM_S = 3, 0.4
+# The same as CONFIRM_S if no sighting showed these surroundings: a slow gimbal with a narrow view
+# takes longer, and a vehicle that flies past may never get it there.
+CONFIRM_UNTOLD_S = 2.0
 # Longest gap between them, s. With 2 s a false alarm and the true pad were joined into a pad that
 # moved at 3 to 6 m/s.
 MAX_CONFIRM_GAP_S = 0.3
@@ -151,6 +154,7 @@ class PadFilter:
         self._accepted = 0  # sightings since the filter started; 0: nothing is known
         self._accepted_t = -math.inf
         self._first_t = -math.inf  # first of the sightings that are to confirm the pad
+        self._is_told = False  # one of them showed that it is no other
         self._rejections = 0  # in a row and close together
         self._refused_t = self._stepped_t = -math.inf
         self.inconsistency = Inconsistency()
@@ -198,11 +202,12 @@ class PadFilter:
         """Take the uncertainty of the autopilot's clock, s: that of the pictures' includes it."""
         self._motion.assume_clock(math.hypot(self._sigma_clock, uncertainty_s))
 
-    def update(self, observations: list[PadObservation]) -> bool:
+    def update(self, observations: list[PadObservation], *, may_be_another: bool = False) -> bool:
         """Correct by the likeliest observation of one frame.
 
         Args:
             observations: of the same frame's pose solutions, none to two.
+            may_be_another: whether they may be of another pad, see `Sightings`.
 
         Returns:
             whether it was accepted, and the pad is confirmed.
@@ -214,7 +219,7 @@ class PadFilter:
         t = possible[0].t
         max_gap = MAX_GAP_S if self._is_confirmed else MAX_CONFIRM_GAP_S
         if self._accepted == 0 or t - self._accepted_t > max_gap:
-            self._first_t = t
+            self._first_t, self._is_told = t, not may_be_another
             self._start(min(possible, key=cost_by_level))
             return False
         if t <= self._motion.t:
@@ -244,12 +249,14 @@ class PadFilter:
         if not is_near:
             return self._reject(best, tolerant)
         self._accept(best, tolerant)
+        self._is_told = self._is_told or not may_be_another
         return self._is_confirmed
 
     @property
     def _is_confirmed(self) -> bool:
         lasts_s = self._accepted_t - self._first_t
-        return self._accepted >= SIGHTINGS_TO_CONFIRM and lasts_s >= CONFIRM_S
+        least_s = CONFIRM_S if self._is_told else CONFIRM_UNTOLD_S
+        return self._accepted >= SIGHTINGS_TO_CONFIRM and lasts_s >= least_s
 
     def _follows_trend(self, seen: PadObservation, innovation: Innovation) -> bool:
         """Loosen the motion where the sightings' trend shows a manoeuvre; tell whether it does."""
@@ -362,7 +369,7 @@ class PadFilter:
             return False
         if not (self._is_confirmed and self._is_step(seen.t, step)):
             if not self._is_confirmed:
-                self._first_t = seen.t
+                self._first_t, self._is_told = seen.t, False
             self._start(seen)
             return False
         self._stepped_t = seen.t

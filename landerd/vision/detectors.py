@@ -129,6 +129,10 @@ class Detectors(Protocol):
         """See `PlateCheck.supports`."""
         ...
 
+    def shows_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """See `PlateCheck.shows`."""
+        ...
+
     def plate_north(
         self, image: Image, ring: Ring, sighting: MarkerSighting, known: F64 | None
     ) -> PlateNorth | None:
@@ -307,6 +311,10 @@ class PixelDetectors:
     def has_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
         """See `PlateCheck.supports`."""
         return self._plate.supports(image, ring, sighting)
+
+    def shows_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """See `PlateCheck.shows`."""
+        return self._plate.shows(image, ring, sighting)
 
     def plate_north(
         self, image: Image, ring: Ring, sighting: MarkerSighting, known: F64 | None

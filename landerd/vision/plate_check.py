@@ -23,9 +23,10 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring
 from landerd.vision.arrays import U8
+from landerd.vision.patch import whole_in_picture
 from landerd.vision.plate_heading import PlateHeading
-from landerd.vision.plate_outline import PlateOutline, outlines, own_levels
-from landerd.vision.pose import px_per_m, rotation_from
+from landerd.vision.plate_outline import PlateOutline, outlines, own_levels, plate_corners
+from landerd.vision.pose import circle, px_per_m, rotation_from
 from landerd.vision.ring_explained import Vouches
 
 _MIN_RADIUS_PX = 3.5  # of a ring: smaller ones are not refused
@@ -47,6 +48,12 @@ class PlateCheck:
         """
         self._camera, self._headings = camera, headings
         self._outlines = {ring: PlateOutline(outlines(layout, ring)) for ring in layout.rings}
+        # From each ring's centre to the farthest corner of the plate, m.
+        corners = plate_corners(layout.plate)
+        self._reaches = {
+            ring: float(np.linalg.norm(corners - ring.position_m, axis=1).max())
+            for ring in layout.rings
+        }
         self._last: tuple[MarkerSighting, bool | None] | None = None
 
     def contradicts(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool:
@@ -67,6 +74,20 @@ class PlateCheck:
         """
         is_seen = self._is_seen(image, ring, sighting)
         return is_seen is True if ring not in self._headings else is_seen is not False
+
+    def shows(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool:
+        """Tell whether the plate about a sighting, or the ring by itself, tells it from others.
+
+        The plate does if it is seen, and at no heading would the picture's edge cut it: what is cut
+        might be what another ring's plate lacks.
+        """
+        if ring not in self._headings:
+            return True
+        best = sighting.solutions[0]
+        axes = rotation_from(np.array(best.normal))[:, :2]
+        points = np.array(best.position) + circle(self._reaches[ring]) @ axes.T
+        is_whole = whole_in_picture(self._camera, points) is not None
+        return is_whole and self._is_seen(image, ring, sighting) is True
 
     def _is_seen(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool | None:
         """Tell whether the plate is seen about a ring under one of its poses; None: undecided."""

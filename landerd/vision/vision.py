@@ -166,9 +166,15 @@ class Vision:
         codes = self._detectors.find_codes(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(frame.t, found, prior)) is not None]
         other_id = None
+        untold: list[tuple[tuple[float, float], ...]] = []
         if self._is_unread(prior) and all(c.sighting.id is None for c in candidates):
             candidates = self._with_plate(frame.t, image, candidates, expected if vouched else None)
             candidates, other_id = self._of_no_other(frame.t, image, candidates, expected)
+            untold = [
+                c.sighting.outline_px
+                for c in candidates
+                if not vouched and not self._tells(image, c)
+            ]
             known = None if expected is None else expected.north
             candidates = [self._turned_by_plate(image, c, known) for c in candidates]
         where = None if expected is None else expected.position
@@ -189,7 +195,16 @@ class Vision:
             learn(_placed(chosen), self._errors, frame.t, pad[0])
         seen = pad[0] if pad else None
         light = self._detectors.light(shown, seen, prior.down) if self._meters else None
-        return Sightings(frame.t, frame.seq, markers, pad, light, other_id=other_id)
+        may_be_another = bool(pad) and all(c.sighting.outline_px in untold for c in chosen)
+        return Sightings(
+            frame.t,
+            frame.seq,
+            markers,
+            pad,
+            light,
+            other_id=other_id,
+            may_be_another=may_be_another,
+        )
 
     @property
     def was_cut(self) -> bool:
@@ -251,6 +266,13 @@ class Vision:
                     continue
             kept.append(c)
         return kept
+
+    def _tells(self, image: Image, c: Candidate) -> bool:
+        """Tell whether a candidate is known to be the pad's: by its id, or the plate about it."""
+        ring = c.marker
+        if not isinstance(ring, Ring) or c.sighting.stage == PLATE:
+            return True
+        return self._detectors.shows_plate(image, ring, c.sighting)
 
     def _of_no_other(
         self, t: float, image: Image, candidates: list[Candidate], expected: Expected | None

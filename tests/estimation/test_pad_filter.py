@@ -470,6 +470,20 @@ def test_a_sighting_older_than_the_last_is_not_taken() -> None:
     assert estimate(pad_filter, t) == before
 
 
+@pytest.mark.parametrize(("shown_at", "believed_s"), [(None, 2.0), (10, 0.4), (30, 1.0)])
+def test_what_may_be_another_pad_is_believed_once_it_is_shown_not_to_be_or_later(
+    shown_at: int | None, believed_s: float
+) -> None:
+    pad_filter = PadFilter(OPTIONS)
+    believed = [
+        t
+        for i, t in enumerate(times(90))
+        if pad_filter.update([sighting(t, PAD)], may_be_another=i != shown_at)
+    ]
+    assert believed[0] == pytest.approx(believed_s, abs=1.5 / RATE)
+    assert len(believed) == 90 - round(believed[0] * RATE)
+
+
 def test_one_outlier_is_refused_and_moves_nothing() -> None:
     pad_filter = settled()
     t = 90 / RATE

@@ -67,6 +67,35 @@ def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
     assert is_seen(UNREADABLE, view(distance, heading), grass)
 
 
+def test_a_ring_alone_that_the_pictures_edge_cuts_off_may_be_anothers() -> None:
+    """Where a tag could lie is not in the picture; once it is, the ring is no pad of ours."""
+    grass = Optics(background="grass")
+    rng = np.random.default_rng(3)
+    told = []
+    for row in (440.0, 340.0):
+        at = look(IDEAL_CAMERA, 6.0, 0.3, pixel=(320.0, row), heading=1.3)
+        vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+        image = render(at, IDEAL_CAMERA, grass, rng, BARE)
+        seen = [vision.process(Frame(i / 30.0, i, image)) for i in range(5)]
+        told.append([s.may_be_another for s in seen if s.pad])
+    assert told[0]
+    assert all(told[0])
+    assert not told[1]
+
+
+@pytest.mark.parametrize("row", [230.0, 360.0])
+def test_a_pad_whose_plate_is_in_the_picture_is_told_from_others_though_its_tag_is_not_read(
+    row: float,
+) -> None:
+    at = look(IDEAL_CAMERA, 6.0, 0.3, pixel=(320.0, row), heading=1.3)
+    image = render(
+        at, IDEAL_CAMERA, Optics(background="grass"), np.random.default_rng(3), UNREADABLE
+    )
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    seen = [vision.process(Frame(i / 30.0, i, image)) for i in range(5)]
+    assert [s.may_be_another for s in seen if s.pad] == [False] * 5
+
+
 SNOW = Plate(north_m=30.0, south_m=30.0, east_m=30.0, west_m=30.0)
 
 

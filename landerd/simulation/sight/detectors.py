@@ -262,6 +262,10 @@ class ModelledDetectors:
         """Return False: there are no look-alikes."""
         return False
 
+    def shows_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """Return True: there are no look-alikes."""
+        return True
+
     def has_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
         """Return True: there are no look-alikes."""
         return True
