@@ -1223,18 +1223,26 @@ MUTANTS = [
         "guidance/test_landing.py::test_a_lean_that_grows_all_the_way_down_is_known_before_the_touch",
     ),
     Mutant(
+        "6: waits for the heading where a narrow lens cannot see it",
+        PHASES,
+        "HIGHER_AFTER_S, HIGHER_PER_S, MOST_HIGHER = 3.0, 0.25, 3.0",
+        "HIGHER_AFTER_S, HIGHER_PER_S, MOST_HIGHER = 3.0, 0.0, 3.0",
+        "guidance/test_phases.py"
+        "::test_where_no_heading_is_seen_at_the_alignment_height_it_climbs_to_see_more",
+    ),
+    Mutant(
         "2: waits for a lull where a foot of a leaning vehicle touches",
         PHASES,
-        "return max(LULL_HEIGHT_M, self._options.alignment_height_m if turns else 0.0)",
-        "return self._options.alignment_height_m if turns else LULL_HEIGHT_M",
+        "return max(LULL_HEIGHT_M, alignment_m if turns else 0.0)",
+        "return alignment_m if turns else LULL_HEIGHT_M",
         "guidance/test_landing.py::"
         "test_leaning_too_far_it_waits_with_clear_feet_also_where_the_alignment_height_is_low",
     ),
     Mutant(
         "2: waits for a lull where it would be over before the vehicle is down",
         PHASES,
-        "self._options.alignment_height_m if turns else 0.0)",
-        "self._options.alignment_height_m)",
+        "return max(LULL_HEIGHT_M, alignment_m if turns else 0.0)",
+        "return max(LULL_HEIGHT_M, alignment_m)",
         "guidance/test_landing.py::"
         "test_leaning_too_far_to_touch_it_waits_over_the_pad_for_a_lull_and_then_hands_back",
     ),

@@ -136,6 +136,32 @@ def test_until_aligned_there_is_a_floor_above_the_alignment_height() -> None:
     assert p.floor_m == 0.0
 
 
+def floor_after(p: Phases, seconds: float, height: float, heading_deg: float | None) -> float:
+    """Return the floor after some seconds at a height, or where that rises at the floor."""
+    for _ in range(round(20.0 * seconds)):
+        at = situation(0.1, max(height, p.floor_m), heading_deg=heading_deg)
+        p.watch((0.0, 0.0, 1.0), at, 0.05)
+        p.step(at)
+    return p.floor_m
+
+
+def test_where_no_heading_is_seen_at_the_alignment_height_it_climbs_to_see_more() -> None:
+    p, least = phases(), OPTIONS.alignment_height_m
+    assert floor_after(p, 2.0, 0.0, None) < least + 0.2
+    assert floor_after(p, 6.0, 0.0, None) > 1.8 * least
+    seen_at = floor_after(p, 20.0, 0.0, None)
+    assert seen_at == pytest.approx(3.0 * least, abs=0.2)
+    # Lower down the heading might be lost again before the vehicle has turned.
+    assert floor_after(p, 5.0, 0.0, 40.0) == seen_at
+    assert floor_after(p, 1.0, 0.0, 0.5) == 0.0
+    assert floor_after(p, 1.0, 0.0, 40.0) < least + 0.2
+
+
+def test_on_the_way_down_to_the_alignment_height_the_heading_is_not_waited_for() -> None:
+    p = phases()
+    assert floor_after(p, 30.0, 9.0, None) < OPTIONS.alignment_height_m + 0.2
+
+
 def test_aligned_within_1_2_degrees_and_off_again_beyond_2_5() -> None:
     p = phases()
 
