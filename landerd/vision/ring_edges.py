@@ -3,8 +3,9 @@
 Edges are looked for along rays from the centre, each between the black and the white beside it. A
 shadow dims both alike. Under any monotone tone curve, clipped white included, edges keep their
 place except for a shift towards black or white that is the same all around; it is fitted together
-with the pose, and the known ratio of the ring distinguishes it from the range. Rays on which a leg,
-dirt or glare lies are outliers.
+with the pose, and the known ratio of the ring distinguishes it from the range. Only behind such a
+curve does a motion move edges: those across its way further into the black than those along. Rays
+on which a leg, dirt or glare lies are outliers.
 
 This is the fit behind `ring_explained`, which decides whether the edges are a ring's.
 """
@@ -357,7 +358,8 @@ def _in_motion(
             return None
         at, _ = stepped
     size = float(np.hypot(*at.motion))
-    turn = (at.motion / max(size, 1e-9)) @ _turns(edges, camera, at.pose)
+    t32, axes = pose_axes(at.pose)
+    turn = (at.motion / max(size, 1e-9)) @ _turns(PlaneView(edges.rays, camera.focal, t32, axes))
     across, along = (edges.blurs_px[edges.seen & (s * turn > 0.5)] for s in (1.0, -1.0))
     if noise > _MOTION_NOISE * before or min(len(across), len(along)) < _LEAST_EDGES:
         return None
@@ -367,10 +369,9 @@ def _in_motion(
     return at, noise, equations, replace(edges, blur_px=sharp)
 
 
-def _turns(edges: _Edges, camera: CameraModel, pose: CirclePose) -> F64:
-    """Return cosine and sine, (2, 2 n), of twice the angle of the edges' normals to the x axis."""
-    t32, axes = pose_axes(pose)
-    x, y = PlaneView(edges.rays, camera.focal, t32, axes).across()[0].astype(np.float64)
+def _turns(g: PlaneView) -> F64:
+    """Return cosine and sine, (2, n), of twice the angle of the edges' normals to the x axis."""
+    x, y = g.across()[0].astype(np.float64)
     return np.stack([x * x - y * y, 2.0 * x * y])
 
 
@@ -430,8 +431,7 @@ def _normal_equations(
         / (radii * scale**3)
         * min(_true_blur_px(edges, shift), 0.1 * ring.radius_m / float(scale.min())) ** 2
     )
-    x, y = g.across()[0].astype(np.float64)
-    turns = np.stack([x * x - y * y, 2.0 * x * y])
+    turns = _turns(g)
     residual = (g.rho[0] - radii) / scale + bend + inwards * (shift + at.motion @ turns)
     J = np.empty((_ROWS, 2 * n))
     J[_MOTION] = -inwards * turns
