@@ -11,8 +11,11 @@ from landerd.messages import Attitude, GimbalState, Input, LocalPosition
 # Number of reports in a row that all differ, after which a repetition means that the source is
 # frozen. Coarsely quantised angles repeat earlier, and are never taken for frozen then.
 RESTLESS_REPORTS = 100
-# The same for attitude and position. These are an estimator's floats, never coarse: they repeat
-# only while it does not run yet, or stands still without noise.
+# A change of an angle by less than this, rad, shows that it is not coarse: gimbals that send whole
+# numbers have steps of 0.01 degrees (STorM32, 1.7e-4 rad) and more.
+FINE_RAD = 1e-4
+# The same as RESTLESS_REPORTS for such angles, attitude and position. These are an estimator's
+# floats, never coarse: they repeat only while it does not run yet, or stands still without noise.
 RESTLESS_ESTIMATES = 20
 Report = Attitude | LocalPosition | GimbalState
 EVEN_SHARE = 0.99  # share of pixels at one level from which on a picture is blown out, or black
@@ -61,6 +64,7 @@ class _Reports:
     def __init__(self, may_be_coarse: bool) -> None:
         self._last: object = None
         self._may_be_coarse = may_be_coarse
+        self._is_fine = not may_be_coarse
         self._differed = 0  # number of reports in a row that differed
         self._is_restless = self._is_coarse = False
 
@@ -68,10 +72,21 @@ class _Reports:
         last, self._last = self._last, _CONTENTS[type(message)](message)
         if last != self._last:
             self._differed += 1
-            most = RESTLESS_REPORTS if self._may_be_coarse else RESTLESS_ESTIMATES
+            self._is_fine = self._is_fine or _is_fine_change(last, self._last)
+            most = RESTLESS_ESTIMATES if self._is_fine else RESTLESS_REPORTS
             self._is_restless = self._is_restless or self._differed >= most
             return False
         self._differed = 0
         # A repetition before it was known to be restless: its values are coarse.
         self._is_coarse = self._is_coarse or (self._may_be_coarse and not self._is_restless)
         return self._is_restless and not self._is_coarse
+
+
+def _is_fine_change(before: object, after: object) -> bool:
+    """Tell whether an angle of a report changed by less than a coarse one can."""
+    if not (isinstance(before, tuple) and isinstance(after, tuple)):
+        return False
+    return any(
+        isinstance(a, float) and isinstance(b, float) and 0.0 < abs(b - a) < FINE_RAD
+        for a, b in zip(before, after, strict=True)
+    )

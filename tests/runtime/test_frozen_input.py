@@ -1,5 +1,6 @@
 """Which input counts as frozen: repeated to the bit with new time stamps."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,6 +35,18 @@ def test_a_report_that_always_changed_and_then_repeats_is_frozen(report: Report)
     assert frozen.repeats(replace(last, t=last.t + 0.02))
     assert frozen.repeats(replace(last, t=last.t + 0.04))
     assert not frozen.repeats(at(report, RESTLESS_REPORTS + 3))
+
+
+@pytest.mark.parametrize(("step_deg", "is_noticed"), [(0.003, True), (0.01, False), (0.1, False)])
+def test_angles_that_are_not_coarse_are_known_to_be_frozen_after_few_reports(
+    step_deg: float, is_noticed: bool
+) -> None:
+    """A gimbal that froze 1.4 s after the start was flown on for 0.9 s."""
+    frozen, last = FrozenInput(), GimbalState(0.0, 0.0, 0.0, 0.0, Reference.BODY)
+    for i in range(RESTLESS_ESTIMATES + 1):
+        last = replace(last, t=0.02 * i, yaw=math.radians(step_deg) * i)
+        assert not frozen.repeats(last)
+    assert frozen.repeats(replace(last, t=last.t + 0.02)) == is_noticed
 
 
 @pytest.mark.parametrize("report", REPORTS, ids=lambda report: type(report).__name__)
