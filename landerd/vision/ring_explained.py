@@ -295,17 +295,13 @@ def _explained(
     vouches: Vouches | None,
 ) -> Explained | None:
     best = fits[0]
-    found: list[RingEdgeFit] = []
     starts = [(best.position, best.normal)]
     other = mirrored(*starts[0], ring.radius_m)
     if other is not None and len(fits) > 1:
         starts.append(other)
-    for start in starts:
-        edges = edge_fit(image, camera, ring, start)
-        if edges is not None:
-            found.append(edges)
-        if not found or _is_hopeless(found[0]):
-            return None
+    found = _fits_from(image, camera, ring, starts)
+    if not found:
+        return None
     found, noise = _best_first(found)
     edges = found[0]
     inflation = _told(edges, ring, vouches)
@@ -322,6 +318,20 @@ def _explained(
         return Explained(wider, toned)
     told = [_ring_fit(e, ring, camera, noise, inflation, best.blur_px) for e in found]
     return Explained(told, toned)
+
+
+def _fits_from(
+    image: U8, camera: CameraModel, ring: Ring, starts: Sequence[CirclePose]
+) -> list[RingEdgeFit]:
+    """Return the fits to edges from some poses; empty if the first one is hopeless."""
+    found: list[RingEdgeFit] = []
+    for start in starts:
+        edges = edge_fit(image, camera, ring, start)
+        if edges is not None:
+            found.append(edges)
+        if not found or _is_hopeless(found[0]):
+            return []
+    return found
 
 
 def _is_hopeless(e: RingEdgeFit) -> bool:
@@ -341,13 +351,9 @@ def edge_fits(
     vouches: Vouches | None = None,
 ) -> list[RingFit]:
     """Return the fits to edges near expected poses, best first; empty if they are no ring's."""
-    found: list[RingEdgeFit] = []
-    for start in starts:
-        edges = edge_fit(image, camera, ring, start)
-        if edges is not None:
-            found.append(edges)
-        if not found or _is_hopeless(found[0]):
-            return []
+    found = _fits_from(image, camera, ring, starts)
+    if not found:
+        return []
     found, noise = _best_first(found)
     inflation = 1.0 if _is_expected_ring(found[0]) else _told(found[0], ring, vouches)
     if inflation is None:

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from landerd.pad import PadLayout, Ring
+from landerd.vision.ring_explained import edge_fits
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.whycon import find_rings, track_ring
 from tests.vision import scenes
@@ -56,6 +57,11 @@ def check(image: U8, view: scenes.View, share: float, ring: Ring = RING) -> str:
     assert float(np.linalg.norm(error)) < share * float(np.linalg.norm(view.position))
     assert float(error @ np.linalg.solve(np.array(pose.covariance), error)) < CHI2_99
     return found[0].stage
+
+
+def test_an_outline_through_which_no_ring_can_be_seen_shows_none() -> None:
+    image = picture(light(seen(4.0, 25.0)))
+    assert edge_fits(image, CAMERA, RING, []) == []
 
 
 @pytest.mark.parametrize(("over", "gamma"), [(2.5, 1.0), (1.6, 2.2)])
