@@ -2,6 +2,7 @@
 
 from dataclasses import fields
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ class _Reports:
     """The reports of one kind."""
 
     def __init__(self, may_be_coarse: bool) -> None:
-        self._last: object = None
+        self._last: tuple[Any, ...] = ()
         self._may_be_coarse = may_be_coarse
         self._is_fine = not may_be_coarse
         self._differed = 0  # number of reports in a row that differed
@@ -82,11 +83,7 @@ class _Reports:
         return self._is_restless and not self._is_coarse
 
 
-def _is_fine_change(before: object, after: object) -> bool:
-    """Tell whether an angle of a report changed by less than a coarse one can."""
-    if not (isinstance(before, tuple) and isinstance(after, tuple)):
-        return False
-    return any(
-        isinstance(a, float) and isinstance(b, float) and 0.0 < abs(b - a) < FINE_RAD
-        for a, b in zip(before, after, strict=True)
-    )
+def _is_fine_change(before: tuple[Any, ...], after: tuple[Any, ...]) -> bool:
+    """Tell whether an angle of a report changed by less than a coarse one can; () is no report."""
+    pairs = zip(before, after, strict=False)
+    return any(isinstance(a, float) and 0.0 < abs(b - a) < FINE_RAD for a, b in pairs)

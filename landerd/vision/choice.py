@@ -47,6 +47,7 @@ class Candidate:
     marker: Ring | WhyCode | Square
     sighting: MarkerSighting
     measurement: Measurement
+    may_be_another: bool = False  # a ring that no code or plate in view tells from another pad's
 
 
 def choose(

@@ -44,6 +44,7 @@ _DESCENTS = 2  # Gauss-Newton steps in one round
 # Rows of a step, after those of centre and tilt; and which of them are fitted as a rule, with the
 # ratio free, and with a motion.
 _SHIFT, _RATIO, _MOTION, _ROWS = 5, 6, slice(7, 9), 9
+_Rows = slice | NDArray[np.intp]
 _HELD, _FREE, _MOVED = slice(0, 6), slice(0, 7), np.r_[0:6, 7:9]
 _FREED_DESCENTS = 4  # steps with the ratio or a motion fitted as well
 _LEAST_RATIO, _MOST_RATIO = 0.1, 0.95
@@ -89,13 +90,9 @@ class RingEdgeFit:
     normal: F64  # (3,)
     shift_px: float  # of both edges, into the black; in motion that of the edges along its way
     sigma_shift: float  # px
-    motion_px: (
-        float  # how much more the edges across a motion are shifted, halved; 0: there is none
-    )
+    motion_px: float  # amplitude of the shift by direction, in motion; 0: there is none
     noise_px: float  # robust sigma of the edges' residuals
-    blur_px: (
-        float  # sigma, by the slopes of the edges; the median, in motion of those along its way
-    )
+    blur_px: float  # sigma, by the slopes of the edges; the median, in motion of those along it
     broad_px: float  # the same of the broadest quarter of the edges
     radius_px: float
     support: tuple[float, float]  # share of the rays in the image with an edge: outer, inner
@@ -317,11 +314,13 @@ def _descended(
     camera: CameraModel,
     at: _Estimate,
     least_noise: float,
+    rows: _Rows = _HELD,
+    steps: int = _DESCENTS,
 ) -> tuple[_Estimate, float, _Equations] | None:
-    """Return estimate, noise (px) and equations after `_DESCENTS` robust steps; None: one fails."""
-    for _ in range(_DESCENTS):
+    """Return estimate, noise (px) and equations after some robust steps; None: one fails."""
+    for _ in range(steps):
         equations, noise = _normal_equations(edges, ring, camera, at, least_noise)
-        stepped = _stepped(at, equations, _HELD)
+        stepped = _stepped(at, equations, rows)
         if stepped is None:
             return None
         at, _ = stepped
@@ -351,12 +350,10 @@ def _in_motion(
     across are not as much broader than those along as a motion makes them.
     """
     before = noise
-    for _ in range(_FREED_DESCENTS):
-        equations, noise = _normal_equations(edges, ring, camera, at, _LEAST_NOISE_PX)
-        stepped = _stepped(at, equations, _MOVED)
-        if stepped is None:
-            return None
-        at, _ = stepped
+    fitted = _descended(edges, ring, camera, at, _LEAST_NOISE_PX, _MOVED, _FREED_DESCENTS)
+    if fitted is None:
+        return None
+    at, noise, equations = fitted
     size = float(np.hypot(*at.motion))
     t32, axes = pose_axes(at.pose)
     turn = (at.motion / max(size, 1e-9)) @ _turns(PlaneView(edges.rays, camera.focal, t32, axes))
@@ -375,9 +372,7 @@ def _turns(g: PlaneView) -> F64:
     return np.stack([x * x - y * y, 2.0 * x * y])
 
 
-def _stepped(
-    at: _Estimate, equations: _Equations, rows: slice | NDArray[np.intp]
-) -> tuple[_Estimate, F64] | None:
+def _stepped(at: _Estimate, equations: _Equations, rows: _Rows) -> tuple[_Estimate, F64] | None:
     """Return the estimate after a step of some of the unknowns, the others held, and the step.
 
     The step is (9,). None: the equations are singular, or the step is implausible.

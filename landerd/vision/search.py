@@ -155,11 +155,9 @@ class Search:
         was_cut = any(w.was_cut for w in self._ring_work.values())
         squares_wait = elsewhere.squares_wait and not rings and self._may_squares_wait(image)
         self._state = policy.after(self._state, t, seen, was_cut=was_cut, squares_wait=squares_wait)
-        where = elsewhere.squares
         if squares_wait:
             return rings, self._large_squares(image)
-        if elsewhere.squares_wait:
-            where = SquareSearch.ANYWHERE
+        where = SquareSearch.ANYWHERE if elsewhere.squares_wait else elsewhere.squares
         if where is not SquareSearch.NONE and layout.squares:
             squares = self._squares_elsewhere(image, rings, where)
         return rings, squares

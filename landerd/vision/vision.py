@@ -166,15 +166,9 @@ class Vision:
         codes = self._detectors.find_codes(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(frame.t, found, prior)) is not None]
         other_id = None
-        untold: list[tuple[tuple[float, float], ...]] = []
         if self._is_unread(prior) and all(c.sighting.id is None for c in candidates):
-            candidates = self._with_plate(frame.t, image, candidates, expected if vouched else None)
+            candidates = self._with_plate(frame.t, image, candidates, expected, vouched=vouched)
             candidates, other_id = self._of_no_other(frame.t, image, candidates, expected)
-            untold = [
-                c.sighting.outline_px
-                for c in candidates
-                if not vouched and not self._tells(image, c)
-            ]
             known = None if expected is None else expected.north
             candidates = [self._turned_by_plate(image, c, known) for c in candidates]
         where = None if expected is None else expected.position
@@ -195,7 +189,7 @@ class Vision:
             learn(_placed(chosen), self._errors, frame.t, pad[0])
         seen = pad[0] if pad else None
         light = self._detectors.light(shown, seen, prior.down) if self._meters else None
-        may_be_another = bool(pad) and all(c.sighting.outline_px in untold for c in chosen)
+        may_be_another = bool(pad) and all(c.may_be_another for c in chosen)
         return Sightings(
             frame.t,
             frame.seq,
@@ -247,12 +241,17 @@ class Vision:
         return self._was_read or (prior.pad is not None and is_seen)
 
     def _with_plate(
-        self, t: float, image: Image, candidates: list[Candidate], vouched: Expected | None
+        self,
+        t: float,
+        image: Image,
+        candidates: list[Candidate],
+        expected: Expected | None,
+        *,
+        vouched: bool,
     ) -> list[Candidate]:
         """Return the candidates except rings that lack the pad's plate about them.
 
-        A ring without it is kept where the pad is `vouched` for: `vouched` is where the pad is
-        expected if `_is_vouched`, else None.
+        A ring without it is kept where the pad is expected if it is `vouched` for (`_is_vouched`).
         """
         kept = []
         for c in candidates:
@@ -262,17 +261,14 @@ class Vision:
                 lacks = not has_shown and self._detectors.lacks_plate(image, ring, c.sighting)
                 has = has_shown or self._detectors.has_plate(image, ring, c.sighting)
                 self._plate_looks.append((t, has))
-                if lacks and not _is_at(vouched, ring, c.sighting):
+                if lacks and not (vouched and _is_at(expected, ring, c.sighting)):
                     continue
-            kept.append(c)
+                is_told = vouched or has_shown
+                is_told = is_told or self._detectors.shows_plate(image, ring, c.sighting)
+                kept.append(replace(c, may_be_another=not is_told))
+            else:
+                kept.append(c)
         return kept
-
-    def _tells(self, image: Image, c: Candidate) -> bool:
-        """Tell whether a candidate is known to be the pad's: by its id, or the plate about it."""
-        ring = c.marker
-        if not isinstance(ring, Ring) or c.sighting.stage == PLATE:
-            return True
-        return self._detectors.shows_plate(image, ring, c.sighting)
 
     def _of_no_other(
         self, t: float, image: Image, candidates: list[Candidate], expected: Expected | None
