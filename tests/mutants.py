@@ -930,10 +930,26 @@ MUTANTS = [
     Mutant(
         "4: drives on as the pad did that has stopped, when data are stale",
         BELOW,
-        "if not self._slip.is_carried:",
-        "if not self._slip.is_carried or vehicle is None:",
+        "if not self.carries:",
+        "if not self.carries or vehicle is None:",
         "guidance/test_landing.py"
         "::test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on",
+    ),
+    Mutant(
+        "4: drives on as the pad did before it stopped out of sight",
+        BELOW,
+        "if now - self._departs_since >= DEPARTS_S:",
+        "if now - self._departs_since >= math.inf:",
+        "guidance/test_landing.py"
+        "::test_on_a_pad_that_changes_its_speed_out_of_sight_it_goes_with_it_and_has_landed",
+    ),
+    Mutant(
+        "1b: stops what has just touched for as long as orders are streamed",
+        "landerd/guidance/landing.py",
+        "return LastOrders(STOPPED, self._touchdown.levels_in_s(self._now), level, release_s)",
+        "return LastOrders(None, 0.0, STOPPED, release_s)",
+        "guidance/test_landing.py"
+        "::test_should_the_core_fail_just_after_the_touch_the_vehicle_is_to_stand_level",
     ),
     Mutant(
         "4: drives on as the pad was taken to at the touch, whatever is seen of it",

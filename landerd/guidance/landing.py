@@ -157,13 +157,16 @@ class Landing:
         release_s = self._context.options.release_s
         if isinstance(ordered[-1], PressDown):
             return LastOrders(None, 0.0, ordered[-1], release_s)
+        level = PressDown(self._context.heading)
         if self._goes_with_pad:  # as STANDING has it
-            return LastOrders(None, 0.0, PressDown(self._context.heading), release_s)
-        away = None
+            return LastOrders(None, 0.0, level, release_s)
         if self._must_leave():
             north, east, _ = ordered[-1].velocity  # the pad's, and no jump to it
             away = Setpoint((north, east, -self._context.options.limits.climb_mps), 0.0)
-        return LastOrders(away, BLIND_WAVE_OFF_S, STOPPED, release_s)
+            return LastOrders(away, BLIND_WAVE_OFF_S, STOPPED, release_s)
+        if self.state is State.ON_PAD:
+            return LastOrders(STOPPED, self._touchdown.levels_in_s(self._now), level, release_s)
+        return LastOrders(None, 0.0, STOPPED, release_s)
 
     def _event_of(self, authority: Authority) -> Event:
         if authority is not Authority.SILENT and self._turns_over():

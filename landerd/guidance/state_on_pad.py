@@ -53,7 +53,7 @@ class OnPad:
     def order(self, step: ControlStep) -> Event | None:
         """Order a disarm when it is due; and to press down, or to stand level."""
         context, orders, now = self._context, self._context.orders, step.now
-        context.below.ride(now, step.dt)
+        context.below.ride(now, step.dt, self._touchdown.pressed_s(now))
         self._clear_since = min(self._clear_since, now) if self._is_clear(now) else math.inf
         if now - self._clear_since >= MISSES_S:
             return Event.NO_CONTACT

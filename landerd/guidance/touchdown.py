@@ -355,6 +355,16 @@ class Touchdown:
         """Tell whether it has been pressed down for so long that it counts as standing."""
         return self._contact_t is not None and now - self._contact_t > LEVEL_AT_LATEST_S
 
+    def pressed_s(self, now: float) -> float:
+        """Return how long it has been held up, without a break, s; -inf before contact."""
+        if self._contact_t is None:
+            return -math.inf
+        return now - max(self._contact_t, self._flew_t)
+
+    def levels_in_s(self, now: float) -> float:
+        """Return how long it is to lie on the pad yet before it may be levelled, s."""
+        return max(0.0, LEVEL_AFTER_S - self.pressed_s(now))
+
     @property
     def may_touch(self) -> bool:
         """Whether the sink rate is so low that a foot may be down; for use until contact."""
@@ -434,7 +444,7 @@ class Touchdown:
         self._note_still(now, motion, is_pressed=is_pressed)
         confirmed = self._confirmed(now, landed)
         tips = tips or self._tips_where_it_stands(motion)
-        tips_over = tips and self._pressed_s(now) > LEVEL_TIPPING_S
+        tips_over = tips and self.pressed_s(now) > LEVEL_TIPPING_S
         # A released vehicle that is said to be on the ground is neither stopped nor pressed down.
         stands = self._stands_still(now) or tips_over or (released and confirmed)
         is_time = (
@@ -442,7 +452,7 @@ class Touchdown:
             or (stands and (released or self._has_stood_still(now)))
             or self._slides_flat(now, motion, released=released)
             or self._is_dragged(now, motion)
-            or self._pressed_s(now) > LEVEL_AT_LATEST_S
+            or self.pressed_s(now) > LEVEL_AT_LATEST_S
         )
         # Once it is said to be on the ground it is disarmed; if not, wind may drag it off.
         ends = landed is Landed.ON_GROUND and not self.is_refused(now)
@@ -494,15 +504,9 @@ class Touchdown:
         is_lower = motion.feet_down - motion.pad_down > self._held_down + REBOUND_M
         return _sink_over_deck(motion) < REBOUND_MPS and not is_lower
 
-    def _pressed_s(self, now: float) -> float:
-        """Return how long it has been held up, without a break, s; -inf before contact."""
-        if self._contact_t is None:
-            return -math.inf
-        return now - max(self._contact_t, self._flew_t)
-
     def _stands_still(self, now: float) -> bool:
         """Tell whether it has neither turned, nor settled, nor slid for STILL_S."""
-        return self._pressed_s(now) > LEVEL_AFTER_S and now - self._still_since >= STILL_S
+        return self.pressed_s(now) > LEVEL_AFTER_S and now - self._still_since >= STILL_S
 
     def _has_stood_still(self, now: float) -> bool:
         """Tell whether it has stood still for LEVEL_STILL_S since it certainly settled no more.
@@ -519,13 +523,13 @@ class Touchdown:
     def _slides_flat(self, now: float, motion: ContactMotion, *, released: bool) -> bool:
         """Tell whether it lies flat but slides, and will not stop while it has thrust."""
         will_slide = self.leaned or released
-        lies_flat = self._pressed_s(now) > LEVEL_AFTER_S and now - self._flat_since >= STILL_S
+        lies_flat = self.pressed_s(now) > LEVEL_AFTER_S and now - self._flat_since >= STILL_S
         return will_slide and lies_flat and motion.slip < SLIDES_MPS + motion.slip_error
 
     def _is_dragged(self, now: float, motion: ContactMotion) -> bool:
         """Tell whether the wind that it leaned against drags it across the plate it lies on."""
         lies = now - self._lies_since >= DRAGGED_FLAT_S
-        lies = lies and self._pressed_s(now) > DRAGGED_AFTER_S
+        lies = lies and self.pressed_s(now) > DRAGGED_AFTER_S
         slides = DRAGGED_MPS < motion.slip < MOST_DRAGGED_MPS + motion.slip_error
         return self.leaned and lies and slides
 

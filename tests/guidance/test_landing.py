@@ -12,6 +12,7 @@ from landerd.geometry import (
     IDENTITY,
     Vec3,
     add,
+    clamp,
     cross,
     horizontal,
     matscale,
@@ -850,7 +851,19 @@ def test_should_the_core_fail_a_vehicle_on_a_moving_pad_is_to_stand_level() -> N
         flight.tick()
         orders = flight.lander.last_orders
         assert orders is not None
-        assert orders.away is not None or orders.then == PressDown(flight.yaw)
+        assert orders.first is not None or orders.then == PressDown(flight.yaw)
+
+
+def test_should_the_core_fail_just_after_the_touch_the_vehicle_is_to_stand_level() -> None:
+    """Stopped for as long as orders are streamed, and then left with thrust, wind drags it off."""
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    orders = flight.lander.last_orders
+    assert orders is not None
+    assert orders.at(0.0) == STOP
+    assert orders.at(0.7) == PressDown(flight.yaw)
+    assert orders.at(0.7 + flight.config.guidance.release_s) is None
 
 
 def test_touching_with_an_edge_it_leans_over_it_is_not_sliding_off() -> None:
@@ -1393,11 +1406,38 @@ def test_on_a_pad_that_brakes_as_it_is_touched_it_goes_with_it_and_has_landed(
     assert flight.lander.outcome == "landed"
 
 
+@pytest.mark.parametrize("speeds_mps", [(1.5, 0.0), (0.0, 1.0)], ids=["brakes", "starts"])
+@pytest.mark.parametrize("by_mps2", [1.0, 4.0])
+def test_on_a_pad_that_changes_its_speed_out_of_sight_it_goes_with_it_and_has_landed(
+    speeds_mps: tuple[float, float], by_mps2: float
+) -> None:
+    """Once, the autopilot was told the pad's old velocity until the vehicle tipped over."""
+    speed, last = speeds_mps
+    flight = Flight(pad_velocity=(speed, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.visible = False
+    flight.run(0.3)
+    while speed != last:
+        speed += clamp(last - speed, -DT * by_mps2, DT * by_mps2)
+        flight.pad_velocity = (speed, 0.0, 0.0)
+        flight.tick()
+        assert flight.pressed or abs(flight.order.velocity[0] - speed) < 0.3 + 0.3 * by_mps2
+    flight.run(0.5)
+    assert flight.pressed or abs(flight.order.velocity[0] - last) < 0.2
+    flight.run(0.7)
+    assert flight.pressed
+    flight.detects_landing = True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "landed"
+
+
 def test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on() -> None:
     flight = Flight(pad_velocity=(1.5, 0.0, 0.0))
     flight.detects_landing = False
-    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
     to(flight.engaged(), State.ON_PAD)
+    flight.visible = False
+    flight.run(0.3)
     flight.pitch_rate = 0.8  # not all feet are down
     speed = 1.5
     while speed > 0.0:
@@ -1616,7 +1656,7 @@ def test_metres_above_a_fast_pad_left_behind_the_switch_stops_it_at_once() -> No
     assert flight.lander.state is State.SEARCHING
     last = flight.lander.last_orders
     assert last is not None
-    assert last.away is None
+    assert last.first is None
     flight.pulse_us = LOW
     to(flight, State.RELEASING, at_most_s=0.2)
     assert set(flight.run(3.0)) == {STOP}
