@@ -100,13 +100,9 @@ class Landing:
 
     @property
     def stands(self) -> bool:
-        """Whether the vehicle stands still on the pad, as far as is known."""
-        return self._goes_with_pad and self._touchdown.has_rested
-
-    @property
-    def _goes_with_pad(self) -> bool:
-        """Whether it has come to stand and, though it may still slide, has not been left behind."""
-        return self.has_stood and not self._context.below.leaves_behind(self._now)
+        """Whether the vehicle stands still on the pad, as far as is known, and goes with it."""
+        is_left = self._context.below.leaves_behind(self._now)
+        return self.has_stood and not is_left and self._touchdown.has_rested
 
     @property
     def reason(self) -> str:
@@ -157,15 +153,13 @@ class Landing:
         release_s = self._context.options.release_s
         if isinstance(ordered[-1], PressDown):
             return LastOrders(None, 0.0, ordered[-1], release_s)
-        level = PressDown(self._context.heading)
-        if self._goes_with_pad:  # as STANDING has it
-            return LastOrders(None, 0.0, level, release_s)
-        if self._must_leave():
+        if not self.has_stood and self._must_leave():
             north, east, _ = ordered[-1].velocity  # the pad's, and no jump to it
             away = Setpoint((north, east, -self._context.options.limits.climb_mps), 0.0)
             return LastOrders(away, BLIND_WAVE_OFF_S, STOPPED, release_s)
-        if self.state is State.ON_PAD:
-            return LastOrders(STOPPED, self._touchdown.levels_in_s(self._now), level, release_s)
+        if self.state in {State.ON_PAD, State.STANDING}:
+            wait_s = 0.0 if self.has_stood else self._touchdown.levels_in_s(self._now)
+            return LastOrders(STOPPED, wait_s, PressDown(self._context.heading), release_s)
         return LastOrders(None, 0.0, STOPPED, release_s)
 
     def _event_of(self, authority: Authority) -> Event:
@@ -230,8 +224,7 @@ class Landing:
     def _must_leave(self) -> bool:
         """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""
         if self.state is State.ON_PAD:
-            stands = self._touchdown.stands or self._touchdown.has_settled(self._now)
-            return self._context.below.is_fast and not stands
+            return self._context.below.is_fast and not self._touchdown.stands
         return self._context.below.is_fast_and_close
 
     def _follow(self, event: Event, step: ControlStep) -> ControlStep:

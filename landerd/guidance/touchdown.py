@@ -351,10 +351,6 @@ class Touchdown:
         """Whether the vehicle was to stand level without thrust when that was last decided."""
         return self._level
 
-    def has_settled(self, now: float) -> bool:
-        """Tell whether it has been pressed down for so long that it counts as standing."""
-        return self._contact_t is not None and now - self._contact_t > LEVEL_AT_LATEST_S
-
     def pressed_s(self, now: float) -> float:
         """Return how long it has been held up, without a break, s; -inf before contact."""
         if self._contact_t is None:
@@ -572,7 +568,8 @@ class Touchdown:
             released: landerd may not fly on.
         """
         self.stands = self.stands or self._confirmed(now, landed)
-        if self.has_settled(now) or (released and self.stands):
+        has_settled = self._contact_t is not None and now - self._contact_t > LEVEL_AT_LATEST_S
+        if has_settled or (released and self.stands):
             self.settle(now)
         return self._level
 

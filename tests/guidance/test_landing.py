@@ -1047,9 +1047,9 @@ def test_levelled_it_gets_no_thrust_back_as_it_tips_about_an_edge() -> None:
     flight = Flight().engaged()
     flight.detects_landing = False
     to(flight, State.ON_PAD)
-    flight.run(1.5)
+    while not flight.pressed:
+        flight.tick()
     assert flight.lander.state is State.ON_PAD
-    assert flight.pressed
     gear, half_m = flight.config.vehicle.gear_height_m, 0.5 * flight.config.vehicle.footprint_m[0]
     (north, east, down), before = flight.position, len(flight.pressed)
     flight.pitch_rate = 1.2
@@ -1724,7 +1724,7 @@ def test_each_time_that_it_may_not_fly_on_from_the_pad_it_is_stopped_for_as_long
 def test_a_vehicle_on_the_plate_whose_position_goes_stale_has_landed_there() -> None:
     """Once, its last velocity carried it on below the pad: "disarmed beside the pad"."""
     flight = Flight().engaged().until(Phase.LANDED)
-    while flight.height > 0.02:
+    while flight.height > 0.05:
         flight.tick()
     flight.silent.add(LocalPosition)
     flight.run(6.0)

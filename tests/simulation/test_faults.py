@@ -88,7 +88,7 @@ def test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere() -> None:
 
 def test_a_pad_that_jerks_out_of_the_picture_after_commit_is_not_sunk_onto() -> None:
     """Two pictures show where it goes, and then it is out of sight."""
-    jerk = "{fault: pad-jerks, at: {phase: LANDED, after_s: 0.05}, severity: 1.0}"
+    jerk = "{fault: pad-jerks, at: {phase: LANDED, after_s: 0.15}, severity: 1.0}"
     simulation = flown(jerk, AS_FOUND)
     assert simulation.daemon.lander.aborts > 0
     assert simulation.score.landed

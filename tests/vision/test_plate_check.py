@@ -457,6 +457,16 @@ def test_a_blurred_tag_on_a_plate_of_its_own_is_not_the_pad(
     assert not is_seen(tag(half_side_m), view(distance, 0.0), blurred)
 
 
+def lacks_plate(image: U8, distance: float) -> bool:
+    """Tell whether a level ring at (299.9, 227.5) px is refused for lack of its plate."""
+    ring = THESIS_PAD.rings[0]
+    at = look(IDEAL_CAMERA, distance, 0.0, pixel=(299.9, 227.5))
+    solution = PoseSolution(at.position, (0.0, 0.0, 1.0), None, ((0.0,) * 3,) * 3, None, 0.1, 1.0)
+    seen = MarkerSighting("whycon", None, (solution,), ())
+    headings = {ring: PlateHeading(THESIS_PAD, ring)}
+    return PlateCheck(IDEAL_CAMERA, THESIS_PAD, headings).contradicts(image, ring, seen)
+
+
 def test_a_ring_with_equal_white_on_four_sides_is_not_the_pad() -> None:
     """As the corners of a small square plate, blurred, stand out beyond a tag's black frame."""
     ring = THESIS_PAD.rings[0]
@@ -474,11 +484,7 @@ def test_a_ring_with_equal_white_on_four_sides_is_not_the_pad() -> None:
     )
     image = 95.0 + 100.0 * np.clip(white + (away < ring.inner_ratio), 0.0, 1.0) - 15.0 * is_black
     blurred = cv2.GaussianBlur(image, (0, 0), 1.5).astype(np.uint8)
-    at = look(IDEAL_CAMERA, distance, 0.0, pixel=(299.9, 227.5))
-    solution = PoseSolution(at.position, (0.0, 0.0, 1.0), None, ((0.0,) * 3,) * 3, None, 0.1, 1.0)
-    seen = MarkerSighting("whycon", None, (solution,), ())
-    headings = {ring: PlateHeading(THESIS_PAD, ring)}
-    assert PlateCheck(IDEAL_CAMERA, THESIS_PAD, headings).contradicts(blurred, ring, seen)
+    assert lacks_plate(blurred, distance)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 5])
@@ -494,6 +500,18 @@ def test_the_middle_of_a_target_of_white_and_black_rings_is_not_the_pad(seed: in
     seen = np.clip(cv2.GaussianBlur(image, (0, 0), 0.9) + noise, 0.0, 255.0).astype(np.uint8)
     vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
     assert not any(vision.process(Frame(i / 30.0, i, seen)).pad for i in range(5))
+
+
+def test_round_a_ring_in_a_target_the_plate_stands_out_at_no_heading() -> None:
+    ring, distance = THESIS_PAD.rings[0], 20.0
+    y, x = np.mgrid[:480, :640]
+    away = np.hypot(x - 299.9, y - 227.5) / (IDEAL_CAMERA.fx * ring.radius_m / distance)
+    levels = ((2.1, 235.0), (1.6, 45.0), (1.3, 235.0), (1.0, 45.0), (ring.inner_ratio, 235.0))
+    image = np.full(away.shape, 80.0)
+    for radius, level in levels:
+        image[away < radius] = level
+    blurred = cv2.GaussianBlur(image, (0, 0), 0.9).astype(np.uint8)
+    assert lacks_plate(blurred, distance)
 
 
 def test_a_ring_alone_tells_the_pad_after_its_tag_was_seen_a_little_out_of_place() -> None:
