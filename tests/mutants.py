@@ -139,6 +139,13 @@ MUTANTS = [
         "test_5_frozen_gimbal_angles_stop_the_landing",
     ),
     Mutant(
+        "5: flies on pictures that arrive sooner than they can",
+        "landerd/runtime/frame_times.py",
+        "        return is_sooner",
+        "        return False",
+        "runtime/test_frame_times.py::test_frames_stamped_late_are_refused_at_once",
+    ),
+    Mutant(
         "5: flies on frozen pictures",
         "landerd/runtime/frozen_input.py",
         "return even < EVEN_SHARE * image.size",

@@ -46,6 +46,7 @@ from landerd.messages import (
 from landerd.pad import PadLayout
 from landerd.ports import Autopilot, Camera, DeviceLost, ExposureControl, Feedback, Gimbal
 from landerd.runtime.fault_log import FaultLog
+from landerd.runtime.frame_times import FUTURE_S, FrameTimes
 from landerd.runtime.frozen_input import FrozenInput
 from landerd.runtime.monitor import LoopMonitor
 from landerd.runtime.observer import Observer
@@ -58,8 +59,6 @@ log = logging.getLogger("landerd")
 HEARTBEAT_S = 1.0
 PLOT_S = 0.2
 HEALTH_PLOT_S = 1.0  # period of slowly changing figures: a telemetry radio carries 5 kB/s
-FUTURE_S = 0.05  # a time stamp farther ahead of the loop's clock than this is false
-OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not searched: its sighting would be of no use
 IDLE_S = 0.1  # interval between two checks whether pictures are needed again
 LAST_ORDERS_S = 4.5  # longest that landerd takes to end: a wave-off (1 s), then stop orders (3 s)
 SEARCH_S = 1.0  # a search that takes longer counts as hung; its result would be too old to use
@@ -136,7 +135,7 @@ class Daemon:
         self._observers = observers
         self._fault_log = FaultLog()
         self.faults = self._fault_log.counts
-        self._frame_t = -math.inf
+        self._frame_times = FrameTimes()
         self._armed = True  # before the first heartbeat, as the vehicle may be flying
         self._frozen = FrozenInput()
         self._is_measured = devices.gimbal.traits.feedback is Feedback.MEASURED
@@ -427,14 +426,11 @@ class Daemon:
             self._fault_log.add(
                 "image of a wrong size", f"{image.shape}, calibrated for {expected}"
             )
-        elif not math.isfinite(frame.t) or frame.t > now + FUTURE_S:
-            self._fault_log.add("frame from the future", f"{frame.t - now:.3f} s ahead")
-        elif frame.t < now - OLDEST_FRAME_S or frame.t <= self._frame_t:
-            self._fault_log.add("frame too old or out of order", f"{now - frame.t:.3f} s old")
+        elif (why := self._frame_times.why_false(frame.t, now)) is not None:
+            self._fault_log.add(*why)
         elif self._frozen.picture_repeats(image):
             self._fault_log.add("camera repeats itself", "the same picture with another time")
         else:
-            self._frame_t = frame.t
             return True
         return False
 

@@ -95,6 +95,16 @@ def test_a_pad_that_jerks_out_of_the_picture_after_commit_is_not_sunk_onto() -> 
     assert broken(simulation) == set()
 
 
+@pytest.mark.parametrize("severity", [0.02, 0.03])
+def test_pictures_stamped_less_too_late_than_they_are_old_are_no_sight(severity: float) -> None:
+    """By 0.07 and 0.1 s: they would pass for new, and the pad for seen, for that much longer."""
+    fault = f"{{fault: stamps-ahead, at: {{phase: DESCENT}}, for_s: 2, severity: {severity}}}"
+    simulation = flown(fault)
+    assert simulation.daemon.lander.aborts > 0
+    assert simulation.score.landed
+    assert broken(simulation) == set()
+
+
 @pytest.mark.parametrize(("pad_mps", "is_out"), [(0.0, False), (5.0, True)])
 def test_a_pad_that_drives_off_while_landerd_restarts_counts_as_out_of_reach(
     pad_mps: float, is_out: bool
