@@ -101,8 +101,8 @@ class Landing:
     @property
     def stands(self) -> bool:
         """Whether the vehicle stands still on the pad, as far as is known, and goes with it."""
-        is_left = self._context.below.leaves_behind(self._now)
-        return self.has_stood and not is_left and self._touchdown.has_rested
+        rests = self.has_stood and self._touchdown.has_rested
+        return rests and not self._context.below.leaves_behind(self._now)
 
     @property
     def reason(self) -> str:

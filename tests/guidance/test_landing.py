@@ -1432,6 +1432,21 @@ def test_on_a_pad_that_changes_its_speed_out_of_sight_it_goes_with_it_and_has_la
     assert flight.lander.outcome == "landed"
 
 
+def test_in_sight_again_a_pad_that_stopped_unseen_is_not_driven_across() -> None:
+    flight = Flight(pad_velocity=(1.5, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.COMMITTED)
+    flight.visible = False
+    to(flight, State.ON_PAD)
+    flight.run(0.3)
+    flight.pad_velocity, flight.pitch_rate = (0.0, 0.0, 0.0), 0.8  # not all feet are down
+    flight.run(0.8)
+    flight.visible = True
+    orders = flight.run(0.5)
+    assert orders
+    assert max(order.velocity[0] for order in orders) < 0.3
+
+
 def test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on() -> None:
     flight = Flight(pad_velocity=(1.5, 0.0, 0.0))
     flight.detects_landing = False
