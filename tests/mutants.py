@@ -952,7 +952,7 @@ MUTANTS = [
     ),
     Mutant(
         "1b: stops what has just touched for as long as orders are streamed",
-        "landerd/guidance/landing.py",
+        LANDING,
         "return LastOrders(STOPPED, wait_s, PressDown(self._context.heading), release_s)",
         "return LastOrders(None, 0.0, STOPPED, release_s)",
         "guidance/test_landing.py"

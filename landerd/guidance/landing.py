@@ -147,14 +147,11 @@ class Landing:
     @property
     def last_orders(self) -> LastOrders | None:
         """What is to be streamed should the core fail now; None while nothing is flown."""
-        ordered = [c for c in self._orders.commands if isinstance(c, Setpoint | PressDown)]
-        if not ordered:
+        if not any(isinstance(c, Setpoint | PressDown) for c in self._orders.commands):
             return None
         release_s = self._context.options.release_s
-        if isinstance(ordered[-1], PressDown):
-            return LastOrders(None, 0.0, ordered[-1], release_s)
         if not self.has_stood and self._must_leave():
-            north, east, _ = ordered[-1].velocity  # the pad's, and no jump to it
+            north, east, _ = self._orders.velocity  # the pad's, and no jump to it
             away = Setpoint((north, east, -self._context.options.limits.climb_mps), 0.0)
             return LastOrders(away, BLIND_WAVE_OFF_S, STOPPED, release_s)
         if self.state in {State.ON_PAD, State.STANDING}:

@@ -1,7 +1,7 @@
 """Rings refused because the pad's plate or tag is missing beside them, and rings that are not."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -487,15 +487,20 @@ def test_a_ring_with_equal_white_on_four_sides_is_not_the_pad() -> None:
     assert lacks_plate(blurred, distance)
 
 
+def target(away: NDArray[np.float64], radii: Sequence[float]) -> NDArray[np.float64]:
+    """Return white and black discs, largest first, on grey; away: distances from their centre."""
+    image = np.full(away.shape, 80.0)
+    for i, radius in enumerate(radii):
+        image[away < radius] = (235.0, 45.0)[i % 2]
+    return image
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 5])
 def test_the_middle_of_a_target_of_white_and_black_rings_is_not_the_pad(seed: int) -> None:
     ring = THESIS_PAD.rings[0]
     y, x = np.mgrid[:480, :640]
     away = np.hypot(x - 350.0, (y - 200.3) / 0.7) / 6.0
-    levels = ((1.9, 235.0), (1.72, 45.0), (1.35, 235.0), (1.0, 45.0), (ring.inner_ratio, 235.0))
-    image = np.full(away.shape, 80.0)
-    for radius, level in levels:
-        image[away < radius] = level
+    image = target(away, (1.9, 1.72, 1.35, 1.0, ring.inner_ratio))
     noise = np.random.default_rng(seed).normal(0.0, 3.0, image.shape)
     seen = np.clip(cv2.GaussianBlur(image, (0, 0), 0.9) + noise, 0.0, 255.0).astype(np.uint8)
     vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
@@ -506,10 +511,7 @@ def test_round_a_ring_in_a_target_the_plate_stands_out_at_no_heading() -> None:
     ring, distance = THESIS_PAD.rings[0], 20.0
     y, x = np.mgrid[:480, :640]
     away = np.hypot(x - 299.9, y - 227.5) / (IDEAL_CAMERA.fx * ring.radius_m / distance)
-    levels = ((2.1, 235.0), (1.6, 45.0), (1.3, 235.0), (1.0, 45.0), (ring.inner_ratio, 235.0))
-    image = np.full(away.shape, 80.0)
-    for radius, level in levels:
-        image[away < radius] = level
+    image = target(away, (2.1, 1.6, 1.3, 1.0, ring.inner_ratio))
     blurred = cv2.GaussianBlur(image, (0, 0), 0.9).astype(np.uint8)
     assert lacks_plate(blurred, distance)
 
