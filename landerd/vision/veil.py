@@ -1,8 +1,10 @@
-"""Pictures whose grey levels a veil has crowded together: fog, haze, a lens in the sun or misted.
+"""Pictures whose grey levels are crowded together, by a veil or by darkness.
 
-A veil adds light to all levels, and the exposure goes by the sum, so that black, white and ground
-differ by a few levels. What tells a marker from texture is in grey levels as an ordinary picture
-has them. A crowded picture has fewer of them, but little noise, too, so its levels are spread.
+A veil (fog, haze, a lens in the sun or misted) adds light to all levels, and the exposure goes by
+the sum, so that black, white and ground differ by a few levels. So they do at dusk, before a camera
+that cannot expose for longer. What tells a marker from texture is in grey levels as an ordinary
+picture has them. A crowded picture has fewer of them, but little noise, too, so its levels are
+spread.
 """
 
 import cv2
@@ -20,13 +22,18 @@ _LEAST_DARKEST, _MOST_RANGE = 40.0, 100.0
 # Levels are spread over so many about the middle grey, by no more than this factor: noise grows
 # with it.
 _SPREAD_OVER, _MOST_GAIN, _MIDDLE = 200.0, 3.0, 128.0
+# A picture is dark if no level of it, reduced by the second, is above the first: a hot pixel is not
+# bright then. Its levels are multiplied. At a twentieth of full scale white paper has 13.
+_MOST_BRIGHTEST, _REDUCTION, _DARK_GAIN = 32.0, 0.25, 4.0
 
 
 def spread(image: U8) -> U8:
-    """Return an image (height, width) as it is, or with its levels spread if a veil lies over it.
+    """Return an image (height, width) as it is, or with its levels spread if they are crowded.
 
     Not that of a clear sky: spread, its noise would look like texture.
     """
+    if _is_dark(image):
+        return image if is_blank(image) else _scaled(image, _DARK_GAIN, 0.0)
     darkest, brightest, _, _ = cv2.minMaxLoc(image)
     extent = brightest - darkest
     if darkest < _LEAST_DARKEST or extent > _MOST_RANGE or brightest >= CLIPPED_LEVEL:
@@ -35,5 +42,15 @@ def spread(image: U8) -> U8:
         return image
     gain = min(_MOST_GAIN, _SPREAD_OVER / max(extent, 1.0))
     middle = 0.5 * (darkest + brightest)
-    spread_out = cv2.convertScaleAbs(image, alpha=gain, beta=_MIDDLE - round(gain * middle))
-    return np.asarray(spread_out, dtype=np.uint8)
+    return _scaled(image, gain, _MIDDLE - round(gain * middle))
+
+
+def _scaled(image: U8, gain: float, offset: float) -> U8:
+    return np.asarray(cv2.convertScaleAbs(image, alpha=gain, beta=offset), dtype=np.uint8)
+
+
+def _is_dark(image: U8) -> bool:
+    if cv2.mean(image)[0] > _MOST_BRIGHTEST:
+        return False
+    reduced = cv2.resize(image, None, fx=_REDUCTION, fy=_REDUCTION, interpolation=cv2.INTER_AREA)
+    return cv2.minMaxLoc(reduced)[1] <= _MOST_BRIGHTEST
