@@ -943,6 +943,22 @@ MUTANTS = [
         "::test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on",
     ),
     Mutant(
+        "4: keeps a vehicle with thrust whose pad brakes faster than set-points may",
+        "landerd/guidance/contact.py",
+        "BEHIND_MPS = 0.5",
+        "BEHIND_MPS = math.inf",
+        "guidance/test_landing.py"
+        "::test_on_a_pad_that_brakes_faster_than_set_points_may_follow_it_is_levelled",
+    ),
+    Mutant(
+        "4: levels what leans and is behind only if its pad is seen to carry it",
+        "landerd/guidance/contact.py",
+        "else sum(signs) > 1",
+        "else signs[0] and sum(signs) > 1",
+        "guidance/test_landing.py"
+        "::test_on_a_pad_that_starts_and_slides_under_it_it_is_levelled_as_it_leans",
+    ),
+    Mutant(
         "4: drives on as the pad did before it stopped out of sight",
         BELOW,
         "if now - self._departs_since >= DEPARTS_S:",

@@ -5,13 +5,17 @@ import math
 from landerd.estimation.camera_pose import DOWN
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import angle_between, horizontal
+from landerd.geometry import angle_between, horizontal, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.touchdown import LATE_S, ContactMotion, Touchdown
 from landerd.messages import Landed, Severity
 
+# A vehicle on the pad whose velocity differs from the last set-point by this, m/s, is carried by a
+# pad that brakes or starts faster than set-points may follow (rule 3), or is blown across it. One
+# that was kept at 1 m/s more than its pad's speed leaned back until it tipped over, 0.7 s later.
+BEHIND_MPS = 0.5
 # How long sight must show that the pad will be missed before it is given up, s: two or three
 # pictures.
 MISSES_S = 0.09
@@ -92,8 +96,14 @@ def level_due(
         sigma_heave=sigma_heave,
         fastest_heave=context.below.fastest_heave,
     )
-    carried = context.below.carries and touchdown.leans_more(vehicle.tilt)
-    tips = touchdown.leaned if released else carried
+    behind_mps = horizontal(sub(context.orders.velocity, vehicle.velocity))
+    # Each alone has another cause, too; with any two of them thrust will tip it over.
+    signs = (
+        context.below.carries,
+        touchdown.leans_more(vehicle.tilt),
+        behind_mps > BEHIND_MPS,
+    )
+    tips = touchdown.leaned if released else sum(signs) > 1
     ordered = context.orders.velocity[2]
     return touchdown.level_due(
         step.now, motion, ordered, context.landed, tips=tips, released=released

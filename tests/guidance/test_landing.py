@@ -1408,6 +1408,36 @@ def test_on_a_pad_that_brakes_as_it_is_touched_it_goes_with_it_and_has_landed(
     assert flight.lander.outcome == "landed"
 
 
+def test_on_a_pad_that_brakes_faster_than_set_points_may_follow_it_is_levelled() -> None:
+    """Kept at 1 m/s more than the pad's speed, a vehicle leaned back until it tipped over."""
+    flight = Flight(pad_velocity=(4.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pitch_rate = 0.8  # not all feet are down
+    speed = 4.0
+    while speed > 0.0:
+        speed = max(0.0, speed - DT * 2.0)
+        flight.pad_velocity = (speed, 0.0, 0.0)
+        flight.tick()
+        assert flight.pressed or flight.order.velocity[0] - speed < 0.9
+    assert flight.pressed
+
+
+def test_on_a_pad_that_starts_and_slides_under_it_it_is_levelled_as_it_leans() -> None:
+    """Held where it touched, a vehicle that the pad dragged along tipped over in 1.2 s."""
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pitch_rate = 0.8  # not all feet are down
+    speed = 0.0
+    for _ in range(round(0.5 / DT)):
+        speed += 4.0 * DT
+        flight.pad_velocity, flight.skids = (speed, 0.0, 0.0), -0.55 * speed
+        flight.pitch += 0.5 * DT
+        flight.tick()
+    assert flight.pressed
+
+
 @pytest.mark.parametrize("speeds_mps", [(1.5, 0.0), (0.0, 1.0)], ids=["brakes", "starts"])
 @pytest.mark.parametrize("by_mps2", [1.0, 4.0])
 def test_on_a_pad_that_changes_its_speed_out_of_sight_it_goes_with_it_and_has_landed(
@@ -1441,8 +1471,10 @@ def test_in_sight_again_a_pad_that_stopped_unseen_is_not_driven_across() -> None
     flight.visible = False
     to(flight, State.ON_PAD)
     flight.run(0.3)
-    flight.pad_velocity, flight.pitch_rate = (0.0, 0.0, 0.0), 0.8  # not all feet are down
-    flight.run(0.8)
+    flight.pitch_rate = 0.8  # not all feet are down
+    for _ in range(round(1.5 / DT)):
+        flight.pad_velocity = sub(flight.pad_velocity, (DT, 0.0, 0.0))
+        flight.tick()
     flight.visible = True
     orders = flight.run(0.5)
     assert orders
@@ -1450,20 +1482,18 @@ def test_in_sight_again_a_pad_that_stopped_unseen_is_not_driven_across() -> None
 
 
 def test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on() -> None:
-    flight = Flight(pad_velocity=(1.5, 0.0, 0.0))
+    flight = Flight(pad_velocity=(0.9, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
     flight.visible = False
-    flight.run(0.3)
     flight.pitch_rate = 0.8  # not all feet are down
-    speed = 1.5
+    speed = 0.9
     while speed > 0.0:
-        speed = max(0.0, speed - DT * 4.0)
+        speed = max(0.0, speed - DT * 0.7)
         flight.pad_velocity = (speed, 0.0, 0.0)
         flight.tick()
-    flight.run(0.6)
     flight.silent = {Attitude}
-    orders = flight.run(0.8)
+    orders = flight.run(0.5)
     assert max(order.velocity[0] for order in orders) < 0.5
 
 
