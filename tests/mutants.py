@@ -943,6 +943,14 @@ MUTANTS = [
         "::test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on",
     ),
     Mutant(
+        "1b: levels a released vehicle whose deck has sunk away from under it",
+        "landerd/guidance/state_on_pad.py",
+        "if is_left or not _stand_level(context, self._touchdown, step, released=True):",
+        "if not _stand_level(context, self._touchdown, step, released=True):",
+        "guidance/test_landing.py"
+        "::test_released_over_a_deck_that_sinks_away_it_is_not_levelled_in_the_air",
+    ),
+    Mutant(
         "4: keeps a vehicle with thrust whose pad brakes faster than set-points may",
         "landerd/guidance/contact.py",
         "BEHIND_MPS = 0.5",

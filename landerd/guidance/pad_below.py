@@ -154,17 +154,21 @@ class PadBelow:
         """
         self._known_velocity = turned(self._known_velocity, self._course_rate * dt)
         self._correct_by_sight(now)
-        fix, vehicle = self._estimator.last_fix, self._estimator.fresh_vehicle(now)
-        is_new = fix is not None and self._slip.look(fix, self._known_velocity)
-        if fix is not None and is_new:
-            pad = self._estimator.pad(now)
-            self._footprint.see(fix.to_pad, None if pad is None else pad.heading)
+        self.look(now)
+        vehicle = self._estimator.fresh_vehicle(now)
         self._note_carried_unseen(now, vehicle, held_s)
         if not self.carries:
             self.velocity = self._known_velocity
         elif vehicle is not None:  # else the last velocity stands: the known one has proved wrong
             north, east, _ = vehicle.velocity
             self.velocity = (north, east, self._known_velocity[2])
+
+    def look(self, now: float) -> None:
+        """Take the newest fix of the pad: whether it stays under the feet, and how far below."""
+        fix = self._estimator.last_fix
+        if fix is not None and self._slip.look(fix, self._known_velocity):
+            pad = self._estimator.pad(now)
+            self._footprint.see(fix.to_pad, None if pad is None else pad.heading)
 
     def _correct_by_sight(self, now: float) -> None:
         """Take the pad's horizontal velocity from sight where it differs from the known one."""

@@ -93,7 +93,8 @@ class OnPad:
 class Standing:
     """Stands level without thrust when landerd may not fly on, then falls silent.
 
-    Until the vehicle stands still the order is to stop: level on an edge it would slide off.
+    Until the vehicle stands still the order is to stop: level on an edge it would slide off. Where
+    it is stopped over a deck that sinks away it does not stand on it, and is not levelled.
     """
 
     def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
@@ -113,9 +114,19 @@ class Standing:
         if step.now >= context.stops_until:
             return Event.RELEASE_OVER
         context.orders.enter(Phase.NOT_LANDING, step.why)
-        if not _stand_level(context, self._touchdown, step, released=True):
+        context.below.look(step.now)
+        is_left = not self._touchdown.is_level and self._is_left(step.now)
+        if is_left or not _stand_level(context, self._touchdown, step, released=True):
             context.orders.stop()
         return None
+
+    def _is_left(self, now: float) -> bool:
+        """Tell whether the pad is seen to have sunk away from under the feet."""
+        context = self._context
+        vehicle, pad = context.estimator.fresh_vehicle(now), context.estimator.pad(now)
+        if vehicle is None or pad is None or context.below.rise_m < RISES_M:
+            return False
+        return context.footprint.clearance(context.relative(vehicle, pad), vehicle.tilt) > 0.0
 
 
 def _stand_level(

@@ -906,6 +906,21 @@ def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() ->
     assert flight.pressed == []
 
 
+def test_released_over_a_deck_that_sinks_away_it_is_not_levelled_in_the_air() -> None:
+    """It fell 0.2 m onto the deck, at 0.8 m/s."""
+    flight = Flight(pad_velocity=(0.0, 0.0, 0.25))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pulse_us = LOW
+    to(flight, State.STANDING)
+    flight.position = sub(flight.position, (0.0, 0.0, 0.02))  # stopped, it lifts off
+    while flight.lander.state is State.STANDING:
+        flight.tick()
+    assert flight.height > 0.1
+    assert flight.pressed == []
+    assert flight.order == STOP
+
+
 def without_thrust(pad_mps: float = 1.0) -> Flight:
     """Return a flight that stands level without thrust on a pad that drives north."""
     flight = Flight(pad_velocity=(pad_mps, 0.0, 0.0))
