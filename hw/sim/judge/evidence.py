@@ -24,6 +24,9 @@ _SINKS_ON_S = 0.1  # a descent goes on for this long, whatever is ordered
 # After the release set-points may take this long to reach the pad's velocity, as they are limited.
 _LED_S = 0.5
 _NEAR_M = 3.0  # farther from the landing point the plate is not below, nor will be soon
+# A pad that brakes or starts may carry the vehicle at another velocity than set-points can follow.
+# With 1 m/s of difference that tips over within a second; from this on, m/s, it may be levelled.
+OUTRUN_MPS = 0.3
 _KEEP_S = 2.0  # how long orders are kept
 _TURNS_OVER = math.radians(60.0)  # no multicopter flies so
 _COURSE_S = 0.1  # over which the pad's velocity is differenced
@@ -439,6 +442,15 @@ class Evidence:
             self.missing_since = None
         elif self.missing_since is None:
             self.missing_since = t
+
+    def is_outrun(self, order: Order) -> bool:
+        """Tell whether the pad carries the vehicle at another velocity than last ordered.
+
+        By so much that thrust would tip it over.
+        """
+        asked = [each.velocity for each in self._lately if not each.level]
+        velocity = order.truth.velocity
+        return bool(asked) and horizontal(sub(asked[-1], velocity)) > OUTRUN_MPS
 
     def _note_pad(self, order: Order) -> None:
         t = order.t

@@ -784,6 +784,17 @@ def test_4_a_vehicle_that_stood_before_a_cut_of_the_link_stands_after_it() -> No
     assert "4: did not go with the pad after contact" not in court.broken
 
 
+@pytest.mark.parametrize(("carried_mps", "broken"), [(0.1, True), (0.6, False)])
+def test_4_a_vehicle_whose_pad_outruns_its_set_points_may_be_levelled_early(
+    carried_mps: float, broken: bool
+) -> None:
+    court = Court()
+    court.truth = replace(ON_PAD, velocity=(carried_mps, 0.0, 0.0))
+    court.fly(0.3, SINK)
+    court.level(0.1)
+    assert ("4: did not go with the pad after contact" in court.broken) == broken
+
+
 def test_4_a_vehicle_levelled_for_a_release_may_stay_levelled() -> None:
     court = Court()
     court.truth = ON_PAD
