@@ -943,6 +943,14 @@ MUTANTS = [
         "::test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on",
     ),
     Mutant(
+        "1b: takes a turn from descent to climb, just over the pad, for rest",
+        LEAVING,
+        "back_s = min(back_s, THRUST_BACK_S) if may_touch else 0.0",
+        "back_s = min(back_s, THRUST_BACK_S)",
+        "guidance/test_landing.py"
+        "::test_released_just_over_a_pad_its_turn_to_climb_is_not_taken_for_rest",
+    ),
+    Mutant(
         "1b: levels a released vehicle whose deck has sunk away from under it",
         "landerd/guidance/state_on_pad.py",
         "if is_left or not _stand_level(context, self._touchdown, step, released=True):",

@@ -27,10 +27,11 @@ class Leaving:
 
     The autopilot has taken thrust away from a vehicle pressed onto the pad, and takes a second to
     give it back. A vehicle that stands still before that stays on the pad: it would be stopped just
-    as it lifts, and tip over. One that rests although told to climb is on the pad, even if contact
-    had not been noticed. Where landerd may fly on, such a vehicle is pressed down again and not
-    levelled: vehicles levelled just as they lifted were thrown 0.4 and 0.7 m high, and came down
-    beside the pad.
+    as it lifts, and tip over. One that nothing held up before has all its thrust, and its turn from
+    descent to climb looks like rest: levelled then, 0.1 m up, vehicles were blown off the pad. One
+    that rests although told to climb is on the pad, even if contact had not been noticed. Where
+    landerd may fly on, such a vehicle is pressed down again and not levelled: vehicles levelled
+    just as they lifted were thrown 0.4 and 0.7 m high, and came down beside the pad.
     """
 
     def __init__(
@@ -58,7 +59,10 @@ class Leaving:
         self._began, self._rests_since = step.now, math.inf
         down = self._context.orders.velocity[2]
         back_s = self._touchdown.thrust_back_s(step.now, down)
-        self._thrust_back_s = back_s if self._flies_on else min(back_s, THRUST_BACK_S)
+        if not self._flies_on:
+            may_touch = self._touchdown.may_touch or self._touchdown.has_touched
+            back_s = min(back_s, THRUST_BACK_S) if may_touch else 0.0
+        self._thrust_back_s = back_s
         self._climb.begin(step)
 
     def order(self, step: ControlStep) -> Event | None:

@@ -906,6 +906,23 @@ def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() ->
     assert flight.pressed == []
 
 
+def test_released_just_over_a_pad_its_turn_to_climb_is_not_taken_for_rest() -> None:
+    """Levelled 0.1 m up, it was blown across a pad of 5 m/s, and tipped over."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    to(flight.engaged(), State.COMMITTED)
+    flight.lean = 0.3  # into the wind, so that a foot is low
+    while flight.height > 0.05:
+        flight.tick()
+    flight.pulse_us = LOW
+    to(flight, State.LEAVING, at_most_s=0.2)
+    for k in range(round(0.4 / DT)):  # it answers late
+        flight.velocity = (1.0, 0.0, 0.05 - 0.25 * k * DT)
+        flight.position = add(flight.position, (0.0, 0.0, max(0.0, -flight.height)))
+        flight.tick()
+        assert flight.lander.state is State.LEAVING
+    assert flight.pressed == []
+
+
 def test_released_over_a_deck_that_sinks_away_it_is_not_levelled_in_the_air() -> None:
     """It fell 0.2 m onto the deck, at 0.8 m/s."""
     flight = Flight(pad_velocity=(0.0, 0.0, 0.25))
