@@ -50,7 +50,7 @@ def _scaled(image: U8, gain: float, offset: float) -> U8:
 
 
 def _is_dark(image: U8) -> bool:
-    if cv2.mean(image)[0] > _MOST_BRIGHTEST:
+    if cv2.mean(image)[0] > _MOST_BRIGHTEST:  # tells most pictures at once
         return False
     reduced = cv2.resize(image, None, fx=_REDUCTION, fy=_REDUCTION, interpolation=cv2.INTER_AREA)
     return cv2.minMaxLoc(reduced)[1] <= _MOST_BRIGHTEST

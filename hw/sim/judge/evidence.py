@@ -444,10 +444,7 @@ class Evidence:
             self.missing_since = t
 
     def is_outrun(self, order: Order) -> bool:
-        """Tell whether the pad carries the vehicle at another velocity than last ordered.
-
-        By so much that thrust would tip it over.
-        """
+        """Tell whether the vehicle's velocity is so far off the last ordered one that thrust tips it."""
         asked = [each.velocity for each in self._lately if not each.level]
         velocity = order.truth.velocity
         return bool(asked) and horizontal(sub(asked[-1], velocity)) > OUTRUN_MPS
