@@ -444,7 +444,7 @@ class Evidence:
             self.missing_since = t
 
     def is_outrun(self, order: Order) -> bool:
-        """Tell whether the vehicle's velocity is so far off the last ordered one that thrust tips it."""
+        """Tell whether its velocity is so far off the last ordered one that thrust tips it over."""
         asked = [each.velocity for each in self._lately if not each.level]
         velocity = order.truth.velocity
         return bool(asked) and horizontal(sub(asked[-1], velocity)) > OUTRUN_MPS
