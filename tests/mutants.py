@@ -36,7 +36,7 @@ ORDERS, ESTIMATOR = "landerd/guidance/orders.py", "landerd/estimation/estimator.
 ATTEMPTS, BELOW = "landerd/guidance/attempts.py", "landerd/guidance/pad_below.py"
 LIMITS, PHASES = "landerd/guidance/limits.py", "landerd/guidance/phases.py"
 TOUCHDOWN, LANDING = "landerd/guidance/touchdown.py", "landerd/guidance/landing.py"
-TRACKING = "landerd/guidance/tracking_method.py"
+TRACKING, CONTACT = "landerd/guidance/tracking_method.py", "landerd/guidance/contact.py"
 
 MUTANTS = [
     Mutant(
@@ -952,7 +952,7 @@ MUTANTS = [
     ),
     Mutant(
         "1b: levels a released vehicle whose deck has sunk away from under it",
-        "landerd/guidance/state_on_pad.py",
+        ON_PAD,
         "if is_left or not _stand_level(context, self._touchdown, step, released=True):",
         "if not _stand_level(context, self._touchdown, step, released=True):",
         "guidance/test_landing.py"
@@ -960,7 +960,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: keeps a vehicle with thrust whose pad brakes faster than set-points may",
-        "landerd/guidance/contact.py",
+        CONTACT,
         "BEHIND_MPS = 0.5",
         "BEHIND_MPS = math.inf",
         "guidance/test_landing.py"
@@ -968,7 +968,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: levels what leans and is behind only if its pad is seen to carry it",
-        "landerd/guidance/contact.py",
+        CONTACT,
         "else sum(signs) > 1",
         "else signs[0] and sum(signs) > 1",
         "guidance/test_landing.py"

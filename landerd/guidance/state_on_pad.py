@@ -2,6 +2,7 @@
 
 import math
 
+from landerd.estimation.vehicle_state import VehicleState
 from landerd.guidance import pilot_texts
 from landerd.guidance.contact import (
     MISSES_S,
@@ -11,6 +12,7 @@ from landerd.guidance.contact import (
     tell_unconfirmed,
 )
 from landerd.guidance.landing_context import ControlStep, LandingContext
+from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.rest_detector import BUILD_ERROR_M
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
@@ -81,10 +83,8 @@ class OnPad:
         if self._touchdown.stands or vehicle is None or pad is None:
             return False
         relative = context.relative(vehicle, pad)
-        if context.below.rise_m >= RISES_M:
-            lowest_m = context.footprint.clearance(relative, vehicle.tilt)
-            if lowest_m > MAX_CONTACT_HEIGHT_M:
-                return True
+        if _has_risen(context, relative, vehicle, MAX_CONTACT_HEIGHT_M):
+            return True
         slides = sure_slip_mps(relative) > context.options.descent.commit_slip_mps
         clears = least_clearance(context, relative, vehicle, pad) > BUILD_ERROR_M
         return slides and clears and context.sight is not None
@@ -124,9 +124,17 @@ class Standing:
         """Tell whether the pad is seen to have sunk away from under the feet."""
         context = self._context
         vehicle, pad = context.estimator.fresh_vehicle(now), context.estimator.pad(now)
-        if vehicle is None or pad is None or context.below.rise_m < RISES_M:
+        if vehicle is None or pad is None:
             return False
-        return context.footprint.clearance(context.relative(vehicle, pad), vehicle.tilt) > 0.0
+        return _has_risen(context, context.relative(vehicle, pad), vehicle, 0.0)
+
+
+def _has_risen(
+    context: LandingContext, relative: RelativeState, vehicle: VehicleState, above_m: float
+) -> bool:
+    """Tell whether the feet are seen to have risen since contact, to above this height, m."""
+    lowest_m = context.footprint.clearance(relative, vehicle.tilt)
+    return context.below.rise_m >= RISES_M and lowest_m > above_m
 
 
 def _stand_level(

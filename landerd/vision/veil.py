@@ -32,21 +32,21 @@ def spread(image: U8) -> U8:
 
     Not that of a clear sky: spread, its noise would look like texture.
     """
-    if _is_dark(image):
-        return image if is_blank(image) else _scaled(image, _DARK_GAIN, 0.0)
+    gain, offset = (_DARK_GAIN, 0.0) if _is_dark(image) else _against_veil(image)
+    if gain == 1.0 or is_blank(image):
+        return image
+    return np.asarray(cv2.convertScaleAbs(image, alpha=gain, beta=offset), dtype=np.uint8)
+
+
+def _against_veil(image: U8) -> tuple[float, float]:
+    """Return the gain of levels, and what is added then; 1 and 0: no veil lies over the image."""
     darkest, brightest, _, _ = cv2.minMaxLoc(image)
     extent = brightest - darkest
     if darkest < _LEAST_DARKEST or extent > _MOST_RANGE or brightest >= CLIPPED_LEVEL:
-        return image
-    if is_blank(image):
-        return image
+        return 1.0, 0.0
     gain = min(_MOST_GAIN, _SPREAD_OVER / max(extent, 1.0))
     middle = 0.5 * (darkest + brightest)
-    return _scaled(image, gain, _MIDDLE - round(gain * middle))
-
-
-def _scaled(image: U8, gain: float, offset: float) -> U8:
-    return np.asarray(cv2.convertScaleAbs(image, alpha=gain, beta=offset), dtype=np.uint8)
+    return gain, _MIDDLE - round(gain * middle)
 
 
 def _is_dark(image: U8) -> bool:

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
@@ -1417,6 +1418,16 @@ def test_a_landing_that_begins_on_a_pad_just_come_in_sight_does_not_take_off() -
     does_not_take_off(flight)
 
 
+def changes_speed(flight: Flight, last: float, by_mps2: float) -> Iterator[float]:
+    """Fly on while the pad changes its speed to the last one, m/s; yield it after each step."""
+    speed = flight.pad_velocity[0]
+    while speed != last:
+        speed += clamp(last - speed, -DT * by_mps2, DT * by_mps2)
+        flight.pad_velocity = (speed, 0.0, 0.0)
+        flight.tick()
+        yield speed
+
+
 @pytest.mark.parametrize("brake_mps2", [2.0, 4.0])
 def test_on_a_pad_that_brakes_as_it_is_touched_it_goes_with_it_and_has_landed(
     brake_mps2: float,
@@ -1426,11 +1437,8 @@ def test_on_a_pad_that_brakes_as_it_is_touched_it_goes_with_it_and_has_landed(
     flight.detects_landing = False
     flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
     to(flight.engaged(), State.ON_PAD)
-    speed = 1.5
-    while speed > 0.0:
-        speed = max(0.0, speed - DT * brake_mps2)
-        flight.pad_velocity = (speed, 0.0, 0.0)
-        flight.tick()
+    for _ in changes_speed(flight, 0.0, brake_mps2):
+        pass
     flight.run(0.6)
     assert flight.pressed or abs(flight.order.velocity[0]) < 0.3
     flight.run(0.6)
@@ -1446,11 +1454,7 @@ def test_on_a_pad_that_brakes_faster_than_set_points_may_follow_it_is_levelled()
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
     flight.pitch_rate = 0.8  # not all feet are down
-    speed = 4.0
-    while speed > 0.0:
-        speed = max(0.0, speed - DT * 2.0)
-        flight.pad_velocity = (speed, 0.0, 0.0)
-        flight.tick()
+    for speed in changes_speed(flight, 0.0, 2.0):
         assert flight.pressed or flight.order.velocity[0] - speed < 0.9
     assert flight.pressed
 
@@ -1476,16 +1480,13 @@ def test_on_a_pad_that_changes_its_speed_out_of_sight_it_goes_with_it_and_has_la
     speeds_mps: tuple[float, float], by_mps2: float
 ) -> None:
     """Once, the autopilot was told the pad's old velocity until the vehicle tipped over."""
-    speed, last = speeds_mps
-    flight = Flight(pad_velocity=(speed, 0.0, 0.0))
+    first, last = speeds_mps
+    flight = Flight(pad_velocity=(first, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
     flight.visible = False
     flight.run(0.3)
-    while speed != last:
-        speed += clamp(last - speed, -DT * by_mps2, DT * by_mps2)
-        flight.pad_velocity = (speed, 0.0, 0.0)
-        flight.tick()
+    for speed in changes_speed(flight, last, by_mps2):
         assert flight.pressed or abs(flight.order.velocity[0] - speed) < 0.3 + 0.3 * by_mps2
     flight.run(0.5)
     assert flight.pressed or abs(flight.order.velocity[0] - last) < 0.2
@@ -1496,7 +1497,10 @@ def test_on_a_pad_that_changes_its_speed_out_of_sight_it_goes_with_it_and_has_la
     assert flight.lander.outcome == "landed"
 
 
-def test_in_sight_again_a_pad_that_stopped_unseen_is_not_driven_across() -> None:
+@pytest.mark.parametrize(("by_mps2", "then_s"), [(1.0, 0.0), (100.0, 0.8)])
+def test_in_sight_again_a_pad_that_stopped_unseen_is_not_driven_across(
+    by_mps2: float, then_s: float
+) -> None:
     flight = Flight(pad_velocity=(1.5, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.COMMITTED)
@@ -1504,29 +1508,31 @@ def test_in_sight_again_a_pad_that_stopped_unseen_is_not_driven_across() -> None
     to(flight, State.ON_PAD)
     flight.run(0.3)
     flight.pitch_rate = 0.8  # not all feet are down
-    for _ in range(round(1.5 / DT)):
-        flight.pad_velocity = sub(flight.pad_velocity, (DT, 0.0, 0.0))
-        flight.tick()
+    for _ in changes_speed(flight, 0.0, by_mps2):
+        pass
+    flight.run(then_s)
     flight.visible = True
     orders = flight.run(0.5)
-    assert orders
-    assert max(order.velocity[0] for order in orders) < 0.3
+    assert flight.pressed if by_mps2 > 2.0 else orders
+    assert all(order.velocity[0] < 0.3 for order in orders)
 
 
-def test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on() -> None:
-    flight = Flight(pad_velocity=(0.9, 0.0, 0.0))
+@pytest.mark.parametrize(("first_mps", "by_mps2", "then_s"), [(0.9, 0.7, 0.0), (1.5, 4.0, 0.9)])
+def test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on(
+    first_mps: float, by_mps2: float, then_s: float
+) -> None:
+    flight = Flight(pad_velocity=(first_mps, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
     flight.visible = False
     flight.pitch_rate = 0.8  # not all feet are down
-    speed = 0.9
-    while speed > 0.0:
-        speed = max(0.0, speed - DT * 0.7)
-        flight.pad_velocity = (speed, 0.0, 0.0)
-        flight.tick()
+    for _ in changes_speed(flight, 0.0, by_mps2):
+        pass
+    flight.run(then_s)
     flight.silent = {Attitude}
     orders = flight.run(0.5)
-    assert max(order.velocity[0] for order in orders) < 0.5
+    assert flight.pressed if by_mps2 > 2.0 else orders
+    assert all(order.velocity[0] < 0.5 for order in orders)
 
 
 def test_blown_across_a_pad_that_drives_on_it_is_not_taken_for_carried() -> None:

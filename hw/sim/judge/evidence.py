@@ -26,7 +26,7 @@ _LED_S = 0.5
 _NEAR_M = 3.0  # farther from the landing point the plate is not below, nor will be soon
 # A pad that brakes or starts may carry the vehicle at another velocity than set-points can follow.
 # With 1 m/s of difference that tips over within a second; from this on, m/s, it may be levelled.
-OUTRUN_MPS = 0.3
+_OUTRUN_MPS = 0.3
 _KEEP_S = 2.0  # how long orders are kept
 _TURNS_OVER = math.radians(60.0)  # no multicopter flies so
 _COURSE_S = 0.1  # over which the pad's velocity is differenced
@@ -445,9 +445,10 @@ class Evidence:
 
     def is_outrun(self, order: Order) -> bool:
         """Tell whether its velocity is so far off the last ordered one that thrust tips it over."""
-        asked = [each.velocity for each in self._lately if not each.level]
-        velocity = order.truth.velocity
-        return bool(asked) and horizontal(sub(asked[-1], velocity)) > OUTRUN_MPS
+        asked = next((each for each in reversed(self._lately) if not each.level), None)
+        if asked is None:
+            return False
+        return horizontal(sub(asked.velocity, order.truth.velocity)) > _OUTRUN_MPS
 
     def _note_pad(self, order: Order) -> None:
         t = order.t

@@ -239,13 +239,15 @@ def _level_in_air(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _level_at_once(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    if not o.level:
+        return False
     # A released vehicle may not go with the pad any more, and once levelled stays level. One that
     # is dragged across the plate, lying flat, would soon be off it. One whose pad brakes or starts
     # faster than set-points may follow would tip over.
     is_dragged = o.truth.slip > b.ride_mps and o.truth.lean_m <= b.rocks_m
     may_level = e.released_t >= e.touching_since or is_dragged or e.is_outrun(o)
     rides = o.t - e.touched_t <= BOUNCE_S and not may_level
-    return o.level and rides and o.t - e.touching_since < LEVEL_AFTER_S
+    return rides and o.t - e.touching_since < LEVEL_AFTER_S
 
 
 def _level_sliding(e: Evidence, o: Order, b: RuleBounds) -> bool:
