@@ -110,7 +110,12 @@ class Detectors(Protocol):
         ...
 
     def square_poses(
-        self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
+        self,
+        image: Image,
+        found: FoundSquare,
+        down: Vec3 | None,
+        normal: Vec3 | None,
+        start: Pose | None,
     ) -> tuple[list[Pose], str]:
         """See `SquarePrint.poses`."""
         ...
@@ -289,13 +294,18 @@ class PixelDetectors:
         return found
 
     def square_poses(
-        self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
+        self,
+        image: Image,
+        found: FoundSquare,
+        down: Vec3 | None,
+        normal: Vec3 | None,
+        start: Pose | None,
     ) -> tuple[list[Pose], str]:
         """See `SquarePrint.poses`."""
         if found.beside is not None:
             return [found.beside], BESIDE
         return self._prints[found.square].poses(
-            image, self._camera, found.corners, down, normal, found.fit
+            image, self._camera, found.corners, down, normal, start, found.fit
         )
 
     def find_codes(

@@ -10,19 +10,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import cv2
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.pad import Ring
-from landerd.vision.arrays import U8
+from landerd.vision.arrays import U8, Mask
 from landerd.vision.patch import whole_in_picture
 from landerd.vision.pyramid import Level
 from landerd.vision.ring_checks import is_dark_in_white, may_be_ring
 from landerd.vision.ring_edges import moved_px, points_on
 from landerd.vision.ring_fit import RingFit, fit_ring
 from landerd.vision.ring_light import evenly_lit
-from landerd.vision.ring_pixels import pixels_near
+from landerd.vision.ring_pixels import edge_pixels, pixels_near
 from landerd.vision.ring_pose import CirclePose, mirrored, poses_through
 from landerd.vision.ring_residuals import coherent_residual
 from landerd.vision.ring_response import LINEAR_RESPONSE
@@ -52,6 +53,9 @@ _SHADED_BAND_PX = 3.5  # wide enough to contain pixels that are purely white
 _MOVING_BAND_PX, _BAND_PATHS = 2.0, 0.6  # the sum of the first and the second times the path
 TRACKED_BAND_PX = 4.0  # how far edges may be from where they are expected
 
+# Lines across a ring's edges on which a start is moved onto the outer one: their number, their
+# reach to either side, a share of the stroke's width, and the least rise, a share of the median.
+_SPOKES, _REACH, _LEAST_RISE = 16, 0.3, 0.5
 # What a fit starts from where nothing is known.
 _BLUR_PX, _MOVING_BLUR_PX = 1.0, 0.7  # sigma
 _PATH_PX, _PATH_BLURS = 3.0, 2.5  # path of a motion: the longer of the first and so many blurs
@@ -76,10 +80,70 @@ class Start:
     blur_px: float  # of that image
 
 
-def start_at_outline(level: Level, candidate: Candidate, ring: Ring) -> Start | None:
-    """Return a pose that has the outline of a candidate; None if it is no ring's."""
+def start_at_outline(
+    image: U8, camera: CameraModel, level: Level, candidate: Candidate, ring: Ring
+) -> Start | None:
+    """Return the pose of a candidate's outline, moved onto the outer edge that is seen near it.
+
+    None: no ring has such an outline.
+    """
     poses = poses_through(level.camera.rays(candidate.outline.points()), ring.radius_m)
-    return None if poses is None else Start(poses[0], _BLUR_PX)
+    if poses is None:
+        return None
+    if level.reduction == 1.0:
+        return Start(poses[0], _BLUR_PX)
+    (_, normal), edge = _on_edge(image, camera, ring, poses, level.reduction)
+    moved = poses_through(camera.rays(edge), ring.radius_m)
+    if moved is None:
+        return None
+    return Start(max(moved, key=lambda pose: float(pose[1] @ normal)), _BLUR_PX)
+
+
+def _on_edge(
+    image: U8, camera: CameraModel, ring: Ring, poses: Sequence[CirclePose], reach_px: float
+) -> tuple[CirclePose, F64]:
+    """Return the likelier pose of an ellipse, and points (n, 2), px, of the outer edge near it.
+
+    Both poses have the same outer edge, but not the same inner one. A fit that starts from the
+    wrong one, with pixels chosen about it, may keep to the outer edge alone, which a tone curve
+    shifts.
+    """
+    radii = ring.radius_m, ring.radius_m * ring.inner_ratio
+    circles = np.array([edge_pixels(camera, pose, radii, _SPOKES) for pose in poses])
+    outer, inner = circles.swapaxes(0, 1)
+    across = outer - inner
+    width = np.sqrt((across * across).sum(axis=-1))
+    across /= width[..., None]
+    reach = min(reach_px, _REACH * float(width.min()))
+    steps = np.linspace(-reach, reach, 2 * math.ceil(reach) + 1)
+    lines = steps[:, None] * across[:, :, None]
+    at = np.array([outer[:, :, None] + lines, inner[:, :, None] - lines], dtype=np.float32)
+    u, v = np.moveaxis(at.reshape(-1, len(steps), 2), -1, 0).copy()
+    levels = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    rises, is_seen = _rises(np.asarray(levels, dtype=np.uint8), steps)
+    of_outer, of_inner = rises.reshape(2, -1, _SPOKES)
+    # A wrong inner edge makes the stroke wider on one side than on the other.
+    wider = of_outer + of_inner
+    wider -= wider.mean(axis=1, keepdims=True)
+    missed = _SPOKES - is_seen.reshape(2, -1, _SPOKES).all(axis=0).sum(axis=1)
+    best = int(((wider * wider).sum(axis=1) + missed * reach * reach).argmin())
+    return poses[best], outer[best] + of_outer[best, :, None] * across[best]
+
+
+def _rises(levels: U8, steps: F64) -> tuple[F64, Mask]:
+    """Return where each row of levels (n, m) has risen half way, in `steps` (m,), and if it has.
+
+    Both are (n,); the first is 0 where it has not.
+    """
+    low, high = levels.min(axis=1).astype(np.float64), levels.max(axis=1)
+    middle, rise = 0.5 * (low + high), high - low
+    is_after = levels > middle[:, None]
+    is_after &= np.arange(len(steps)) > levels.argmin(axis=1)[:, None]
+    after, each = is_after.argmax(axis=1), np.arange(len(levels))
+    bright = levels[each, after].astype(np.float64)
+    share = (bright - middle) / np.maximum(bright - levels[each, after - 1], 1.0)
+    is_seen = is_after.any(axis=1) & (rise > _LEAST_RISE * np.sort(rise)[len(rise) // 2])
+    return np.where(is_seen, steps[after] - share * (steps[1] - steps[0]), 0.0), is_seen
 
 
 def start_at_pose(pose: CirclePose) -> Start:

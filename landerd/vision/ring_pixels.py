@@ -22,7 +22,7 @@ _SMALL_PX = 36.0
 MARGIN = 0.24
 # Contrast of what lies beyond the margin, in sigmas of the noise: it is unknown, and weights assume
 # this.
-_SURROUNDINGS_SIGMAS = 30.0
+_SURROUNDINGS_SIGMAS = 20.0
 _MIN_WEIGHT = 0.02  # least weight of a pixel that is worth its time
 _MIN_COUNT = 30  # least number of pixels: a fit has 12 to 15 parameters
 _CORNERS = 64  # of an outline

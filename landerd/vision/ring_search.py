@@ -89,10 +89,6 @@ _CLEAR_SHARE = 0.9
 # Least diameter of a clear outline in its level, px, except in the finest one: a smaller ring shows
 # better in the next finer level.
 _CLEAR_PX = 9.0
-# Up to this reduction of its level a clear outline is within about a pixel of the image's, so that
-# the full fit may start from it: a rough fit first takes half as long again. 1200 pictures showed
-# as many rings as with it.
-_EXACT_REDUCTION = 4.0
 # Outlines smaller than this share of the smallest ring wanted are not fitted. Of 254 rings of 10 to
 # 16 px in all kinds of light all had an outline of at least 0.91 of the final fit's.
 _SMALLEST_SHARE = 0.85
@@ -425,9 +421,13 @@ class RingSearch:
         if not self._work.affords_search(ROUGH_COST, reserve):
             return False
         is_clear = one.candidate.share >= _CLEAR_SHARE
-        is_exact = is_clear and one.level.reduction <= _EXACT_REDUCTION
-        find_start = start_at_outline if is_exact else start_by_rough_fit
-        start = find_start(one.level, one.candidate, self._ring)
+        if is_clear:
+            # A rough fit first takes twice as long, and tells no more.
+            start = start_at_outline(
+                self._image, self._camera, one.level, one.candidate, self._ring
+            )
+        else:
+            start = start_by_rough_fit(one.level, one.candidate, self._ring)
         if start is None and is_clear:
             return self._try_edges(one)
         if start is None or any(_covers(s, self._camera, start.pose[0]) for s in self.found):

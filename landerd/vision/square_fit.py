@@ -33,6 +33,8 @@ _USED_MARGIN_CELLS, _USED_WHITE = 0.9, 0.5
 # more: of 40 such squares they were off by a third as much, and two fits to grey levels were
 # mirrored. Motion by 15 px leaves 5 px at most.
 _MOST_OFF_PX = 6.0
+# The same of the pose that a ring beside it tells, if the fit is to start there.
+_MOST_START_OFF_PX = 3.0
 # Largest rms distance of a second solution's corners from those of the first fit: one that is
 # farther off is ruled out without a fit to its pixels.
 _MAX_RIVAL_ERROR_PX = 0.5
@@ -97,6 +99,7 @@ class SquarePrint(MarkerPrint):
         corners: F64,
         down: Vec3 | None = None,
         known_normal: Vec3 | None = None,
+        start: Pose | None = None,
         first: Fit | EdgeFit | None = None,
     ) -> tuple[list[Pose], str]:
         """Return the one or two poses that explain the pixels, best first, and the fit's stage.
@@ -112,9 +115,10 @@ class SquarePrint(MarkerPrint):
                 fitted.
             known_normal: into the pad, from the last frame or a ring, camera frame; if the first
                 pose agrees with it, no second one is fitted.
+            start: pose that a ring beside it tells; the fit starts there if the corners agree.
             first: the fit that found the square; None: it is made from the corners.
         """
-        first = first or self._first(image, camera, corners)
+        first = first or self._first(image, camera, corners, start)
         if first is None:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX), GREY
         rivals = self._rivals(camera, first, corners, known_normal, down)
@@ -126,19 +130,29 @@ class SquarePrint(MarkerPrint):
         self.remember(min(fits, key=per_pixel))
         return ranked(fits), GREY
 
-    def _first(self, image: Image, camera: CameraModel, corners: F64) -> Fit | EdgeFit | None:
-        """Return the fit started from the corners; None: only the corners can be used."""
-        starts = planar_poses(camera.rays(corners), self._size)
-        if not starts:
-            return None
-        start, _ = starts[0]
+    def _first(
+        self, image: Image, camera: CameraModel, corners: F64, start: Pose | None
+    ) -> Fit | EdgeFit | None:
+        """Return the fit from a start that corners agree with, else from them.
+
+        None: only the corners can be used.
+        """
+        rays = camera.rays(corners)
+        if start is None or self._off_px(camera, start, rays) > _MOST_START_OFF_PX:
+            starts = planar_poses(rays, self._size)
+            if not starts:
+                return None
+            start, _ = starts[0]
         fit = self.fit(image, camera, start)
         if fit is None or fit.explained < MIN_EXPLAINED:
             return self._by_edges(image, camera, start)
-        off = np.abs(self.corner_rays(fit.pose) - camera.rays(corners)).max()
-        if off * camera.focal < _MOST_OFF_PX and not fit.is_shaded:
+        if self._off_px(camera, fit.pose, rays) < _MOST_OFF_PX and not fit.is_shaded:
             return fit
         return self._by_edges(image, camera, fit.pose, may_be_hidden=True) or fit
+
+    def _off_px(self, camera: CameraModel, pose: Pose, rays: F64) -> float:
+        """Return how far the corners of a pose are from others, of which these are the rays, px."""
+        return float(np.abs(self.corner_rays(pose) - rays).max()) * camera.focal
 
     def track(self, image: Image, camera: CameraModel, expected: Pose) -> Fit | EdgeFit | None:
         """Return the fit of the square within a cell of where it is expected; None: it is absent.

@@ -4,12 +4,15 @@
 by a pose, serve other modules of vision as well.
 """
 
+import math
+
 import cv2
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel
 from landerd.vision.linear import solved
-from landerd.vision.pose import Pose
+from landerd.vision.pose import Pose, rotation_from
+from landerd.vision.ring_pose import CirclePose
 
 _MAX_STEPS = 8  # of Gauss-Newton
 _NO_LENS = np.eye(3)
@@ -75,6 +78,32 @@ def planar_poses(rays: F64, size: float) -> list[tuple[Pose, float]]:
         if t[2] > 0 and R[:, 2] @ t > 0:
             poses.append((Pose(R, t, np.zeros((6, 6)), 0.0), float(errors[i, 0])))
     return poses
+
+
+def pose_beside(rays: F64, size: float, at: CirclePose, centre: F64) -> Pose | None:
+    """Return the pose of a square beside a ring, turned about the ring's centre to fit its corners.
+
+    None: a corner's ray does not meet the ring's plane. The pose has no information.
+
+    Args:
+        rays: of the corners on z = 1, (4, 2), top left first, clockwise as printed.
+        size: edge of the square, m.
+        at: the ring's pose.
+        centre: the ring's, on the square's axes (north, east), m, (2,).
+    """
+    position, normal = at
+    along = rays @ normal[:2] + normal[2]
+    if along.min() <= 0.0:
+        return None
+    corners = np.ones((4, 3))
+    corners[:, :2] = rays
+    corners *= (float(position @ normal) / along)[:, None]
+    axes = rotation_from(normal)[:, :2]
+    a, b = ((corners - position) @ axes).T
+    north, east = (square_points(size) - centre).T
+    angle = math.atan2(float(north @ b - east @ a), float(north @ a + east @ b))
+    R = rotation_from(normal, axes @ (math.cos(angle), math.sin(angle)))
+    return Pose(R, position - R[:, :2] @ centre, np.zeros((6, 6)), 0.0)
 
 
 def corner_information(pose: Pose, size: float, sigma: float) -> F64:

@@ -43,6 +43,7 @@ from landerd.vision.pose import (
     SAME_SOLUTION_COS,
     Pose,
     circle,
+    rotation_2d,
     rotation_from,
     solution,
     turned_about_normal,
@@ -52,7 +53,7 @@ from landerd.vision.rolling_shutter import RollingShutter
 from landerd.vision.search import FoundRing, Search
 from landerd.vision.search_policy import ring_only_frames
 from landerd.vision.square import FoundSquare
-from landerd.vision.square_pose import square_points
+from landerd.vision.square_pose import pose_beside, square_points
 from landerd.vision.veil import spread
 from landerd.vision.whycode import FoundCode
 
@@ -158,9 +159,9 @@ class Vision:
         )
         candidates = [self._ring(frame.t, ring, sighting) for ring, sighting in rings]
         normal = self._last_normal(frame.t)
+        beside = _unambiguous(rings)
         for found in squares:
-            any_normal = normal or _unambiguous_normal(rings)
-            candidate = self._square(frame.t, image, found, prior, any_normal)
+            candidate = self._square(frame.t, image, found, prior, normal, beside)
             if candidate is not None:
                 candidates.append(candidate)
         codes = self._detectors.find_codes(image, expected, normal)
@@ -322,12 +323,40 @@ class Vision:
         )
 
     def _square(
-        self, t: float, image: Image, found: FoundSquare, prior: Prior, normal: Vec3 | None
+        self,
+        t: float,
+        image: Image,
+        found: FoundSquare,
+        prior: Prior,
+        normal: Vec3 | None,
+        beside: tuple[Ring, PoseSolution] | None,
     ) -> Candidate | None:
-        """Return a square with its pose; None if that is too uncertain."""
-        square = found.square
-        poses, stage = self._detectors.square_poses(image, found, prior.down, normal)
+        """Return a square with its pose; None if that is too uncertain.
+
+        Args:
+            t: of the exposure, s.
+            image: grey image (height, width).
+            found: the square.
+            prior: gravity.
+            normal: the pad's as last seen, camera frame; None: not seen lately.
+            beside: a ring of the pad with its pose, if it has only one.
+        """
+        square, start = found.square, None
+        if beside is not None:
+            ring, pose = beside
+            normal = normal or pose.normal
+            start = self._start(found, ring, pose) if found.fit is None else None
+        poses, stage = self._detectors.square_poses(image, found, prior.down, normal, start)
         return self._decoded(t, square, poses, square_points(square.size_m), prior, stage)
+
+    def _start(self, found: FoundSquare, ring: Ring, pose: PoseSolution) -> Pose | None:
+        """Return the pose of a square as a ring's pose and its corners tell; None: they do not."""
+        square = found.square
+        arm = np.array(ring.position_m) - np.array(square.position_m)
+        centre = rotation_2d(-math.radians(square.heading_deg)) @ arm
+        rays = self._camera.rays(found.corners)
+        at = np.array(pose.position), np.array(pose.normal)
+        return pose_beside(rays, square.size_m, at, centre)
 
     def _code(self, t: float, found: FoundCode, prior: Prior) -> Candidate | None:
         """Return a WhyCode with its pose; None if that is too uncertain."""
@@ -438,13 +467,14 @@ def _is_at(expected: Expected | None, ring: Ring, sighting: MarkerSighting) -> b
     return bool(np.linalg.norm(off) < ring.radius_m)
 
 
-def _unambiguous_normal(rings: list[FoundRing]) -> Vec3 | None:
-    """Return the normal of the only ring if its mirrored pose is ruled out; else None."""
+def _unambiguous(rings: list[FoundRing]) -> tuple[Ring, PoseSolution] | None:
+    """Return the only ring with its pose if the mirrored one is ruled out; else None."""
     if len(rings) != 1:
         return None
-    best, *others = rings[0][1].solutions
+    ring, sighting = rings[0]
+    best, *others = sighting.solutions
     is_unambiguous = all(
         s.cost > best.cost + _AMBIGUOUS_CHI2 or dot(s.normal, best.normal) > SAME_SOLUTION_COS
         for s in others
     )
-    return best.normal if is_unambiguous else None
+    return (ring, best) if is_unambiguous else None

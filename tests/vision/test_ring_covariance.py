@@ -68,7 +68,7 @@ def glaring(image: scenes.U8, view: scenes.View, rng: np.random.Generator) -> sc
 def test_a_weak_spot_of_glare_moves_no_ring_further_than_stated(share: float) -> None:
     """With the camera still, or while the picture moves by a share of the ring's diameter."""
     inside = 0
-    for k in range(12):
+    for k in range(40):
         rng = np.random.default_rng(k)
         distance, tilt = rng.uniform((3.0, 0.1), (6.0, 0.7))
         towards, way = rng.uniform(0.0, 2.0 * math.pi, 2)
@@ -79,4 +79,4 @@ def test_a_weak_spot_of_glare_moves_no_ring_further_than_stated(share: float) ->
         best = find_rings(glaring(image, view, rng), RING, CAMERA)[0].solutions[0]
         error = np.array(best.position) - view.position
         inside += bool(error @ np.linalg.solve(np.array(best.covariance), error) < CHI2_95)
-    assert inside >= 11
+    assert inside >= 34

@@ -15,7 +15,7 @@ from landerd.vision.arrays import U8
 from landerd.vision.pose import Pose, vec3
 from landerd.vision.square import SquareFinder, is_textured, printed_cells
 from landerd.vision.square_fit import SquarePrint
-from landerd.vision.square_pose import poses_from_corners, square_points
+from landerd.vision.square_pose import pose_beside, poses_from_corners, square_points
 from tests.vision.scenes import (
     IDEAL_CAMERA,
     THESIS_CAMERA,
@@ -522,3 +522,18 @@ def test_a_near_tag_in_line_with_the_picture_is_where_it_is_said_to_be(heading_d
 
 def test_a_narrow_white_round_a_tag_does_not_let_the_ground_move_it() -> None:
     assert max(metres for metres, _ in in_line(0.0, white_m=0.02)) < 0.0015
+
+
+def test_a_ring_and_the_corners_of_a_square_beside_it_tell_the_square_s_pose() -> None:
+    size, centre = 0.3, np.array([0.2, -0.7])  # the ring's, on the square's axes
+    view = look(IDEAL_CAMERA, 5.0, 0.5, pixel=(400.0, 200.0), heading=2.0)
+    R, t = view.R_camera_pad, np.array(view.position)
+    ring = t + R[:, :2] @ centre, R[:, 2]
+    corners = Pose(R, t, np.zeros((6, 6)), 0.0).rays(square_points(size))
+    pose = pose_beside(corners, size, ring, centre)
+    assert pose is not None
+    assert np.allclose(pose.R, R)
+    assert np.allclose(pose.t, t)
+    beyond = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 0.5], [0.0, 0.5]])
+    upright = np.array([0.0, 0.0, 5.0]), np.array([-0.8, 0.0, 0.6])
+    assert pose_beside(beyond, size, upright, centre) is None

@@ -172,7 +172,7 @@ def test_a_ring_half_in_a_shadow_whose_white_is_darker_than_sunlit_black_is_foun
     image = shot(view, scenes.Optics(shadow=shadow, noise=0.8, background="grass"))
     found = find_rings(image, RING, CAMERA)
     assert len(found) == 1
-    assert error_m(found[0], view) < 0.03
+    assert error_m(found[0], view) < 0.035
 
 
 def test_a_ring_blurred_by_ten_pixels_of_motion_is_found() -> None:

@@ -222,7 +222,12 @@ class ModelledDetectors:
         return None
 
     def square_poses(
-        self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
+        self,
+        image: Image,
+        found: FoundSquare,
+        down: Vec3 | None,
+        normal: Vec3 | None,
+        start: Pose | None,
     ) -> tuple[list[Pose], str]:
         """Return the poses that explain a square, best first, and the stage that fitted them."""
         sight = self._sight(image, found.square)
