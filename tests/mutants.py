@@ -488,9 +488,17 @@ MUTANTS = [
     Mutant(
         "4: a contact that was none is believed for good",
         ON_PAD,
-        "if now - self._clear_since >= MISSES_S:",
-        "if False:",
+        "if now - self._clear_since >= MISSES_S or",
+        "if",
         "guidance/test_landing.py::test_a_vehicle_that_a_gust_held_up_and_lifts_was_not_on_the_pad",
+    ),
+    Mutant(
+        "4: a contact out of sight that was none is believed for good",
+        ON_PAD,
+        " or self._flies_unseen(now):",
+        ":",
+        "guidance/test_landing.py"
+        "::test_a_vehicle_that_was_held_up_and_sinks_on_out_of_sight_was_not_on_the_pad",
     ),
     Mutant(
         "2: a pad that left the picture after commit",

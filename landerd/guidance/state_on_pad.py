@@ -15,13 +15,16 @@ from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.rest_detector import BUILD_ERROR_M
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
+from landerd.guidance.touchdown import MAX_BLIND_S, MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Phase
 
 # Contact was a false one, caused by a gust, where the feet have since risen by this, m, and are
 # clear of the pad: such a vehicle was pressed down in the air and, its own velocity taken for the
 # pad's, carried off. The turn of the lens at a real touch shows less than this.
 RISES_M = 0.05
+# Nor was it one where the vehicle has sunk as in the air for this long since, s, and is out of
+# sight: over a deck that began to sink a vehicle that answered late was pressed down for a second.
+FLIES_S = 0.3
 
 
 class OnPad:
@@ -57,7 +60,7 @@ class OnPad:
         context, orders, now = self._context, self._context.orders, step.now
         context.below.ride(now, step.dt, self._touchdown.pressed_s(now))
         self._clear_since = min(self._clear_since, now) if self._is_clear(now) else math.inf
-        if now - self._clear_since >= MISSES_S:
+        if now - self._clear_since >= MISSES_S or self._flies_unseen(now):
             return Event.NO_CONTACT
         if self._touchdown.disarm_due(now, context.landed):
             orders.disarm()
@@ -72,6 +75,11 @@ class OnPad:
             descends = self._touchdown.is_down(now) or context.estimator.has_fresh_vehicle(now)
             orders.fly((north, east, down if descends else 0.0), 0.0, may_descend=descends)
         return None
+
+    def _flies_unseen(self, now: float) -> bool:
+        """Tell whether nothing holds it up, with the pad out of sight for as long as it may be."""
+        is_unseen = self._context.estimator.sight_age(now) > MAX_BLIND_S
+        return is_unseen and not self._touchdown.stands and self._touchdown.flies_s(now) > FLIES_S
 
     def _is_clear(self, now: float) -> bool:
         """Tell whether it is seen to be clear of the pad: it has risen, or the pad slides away.

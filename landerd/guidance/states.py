@@ -58,7 +58,7 @@ class Event(Enum):
     STANDS = "the vehicle stands still on the pad although told to climb"
     COMMITS = "just over the pad with a good touch-down ahead, or standing on it already"
     CONTACT = "feet on the pad, or ON_GROUND reported since commit"
-    NO_CONTACT = "the vehicle is seen to rise from the pad: the contact was a false one"
+    NO_CONTACT = "the contact was a false one: it is seen to rise, or sinks on out of sight"
     # Hand-backs: the pilot must put the switch low before landerd flies again.
     PAD_NOT_FOUND = "searched for guidance.lost.give_up_s"
     NO_LANDING_POSSIBLE = "too many descents were refused or broken off, or none may begin"

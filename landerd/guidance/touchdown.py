@@ -209,6 +209,7 @@ class Touchdown:
         self._in_air: tuple[float, float] | None = None
         self._measured_mps = math.inf  # sink rate last measured before contact
         self._flew_t = -math.inf  # when it was last seen to sink as it would in the air, s
+        self._flies_since = math.inf  # since when it has been seen so without a break, s
         self._level = self.stands = self.has_rested = False
         self._level_since = math.inf  # since when it has been level without a break, s
         self._lowest_down = -math.inf  # lowest local z of a foot since contact, m
@@ -357,6 +358,10 @@ class Touchdown:
             return -math.inf
         return now - max(self._contact_t, self._flew_t)
 
+    def flies_s(self, now: float) -> float:
+        """Return for how long it has sunk as in the air since contact, without a break, s."""
+        return now - self._flies_since
+
     def levels_in_s(self, now: float) -> float:
         """Return how long it is to lie on the pad yet before it may be levelled, s."""
         return max(0.0, LEVEL_AFTER_S - self.pressed_s(now))
@@ -435,6 +440,7 @@ class Touchdown:
         if self._lifts(now, motion) and (self._level or not tips):
             self.press(now)
         is_pressed = self._is_pressed(now, motion, ordered) or released
+        self._flies_since = math.inf if is_pressed else min(self._flies_since, now)
         if not is_pressed:
             self._flew_t = now  # as far as is known
         self._note_still(now, motion, is_pressed=is_pressed)
@@ -568,6 +574,7 @@ class Touchdown:
             released: landerd may not fly on.
         """
         self.stands = self.stands or self._confirmed(now, landed)
+        self._flies_since = math.inf
         has_settled = self._contact_t is not None and now - self._contact_t > LEVEL_AT_LATEST_S
         if has_settled or (released and self.stands):
             self.settle(now)

@@ -1322,6 +1322,27 @@ def test_a_vehicle_that_a_gust_held_up_and_lifts_was_not_on_the_pad() -> None:
     assert flight.distance < 0.1
 
 
+def test_a_vehicle_that_was_held_up_and_sinks_on_out_of_sight_was_not_on_the_pad() -> None:
+    """Over a deck that sank away it was pressed down for a second, onto what nobody had seen."""
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.1:
+        flight.tick()
+    flight.visible, lost_t = False, flight.t
+    held = flight.position
+    while flight.lander.state is State.COMMITTED:
+        flight.position, flight.velocity = held, (0.0, 0.0, 0.0)
+        flight.tick()
+    assert flight.lander.state is State.ON_PAD
+    flight.pad = add(flight.pad, (0.0, 0.0, 0.4))
+    to(flight, State.WAVING_OFF)
+    assert flight.t - lost_t < 1.3
+    assert flight.contact_t is None
+    flight.visible = True
+    to(flight, State.ON_PAD)
+    assert flight.height < 0.05
+
+
 def test_waved_off_it_is_not_levelled_as_its_feet_come_free() -> None:
     """Once, after 1 s on a deck that began to sink, it was thrown 0.7 m high and fell beside it."""
     flight = Flight(config=Config.model_validate({"guidance": SINKS_SLOWLY})).engaged()
