@@ -440,9 +440,10 @@ class Touchdown:
         if self._lifts(now, motion) and (self._level or not tips):
             self.press(now)
         is_pressed = self._is_pressed(now, motion, ordered) or released
-        self._flies_since = math.inf if is_pressed else min(self._flies_since, now)
-        if not is_pressed:
-            self._flew_t = now  # as far as is known
+        if is_pressed:
+            self._flies_since = math.inf
+        else:  # as far as is known
+            self._flies_since, self._flew_t = min(self._flies_since, now), now
         self._note_still(now, motion, is_pressed=is_pressed)
         confirmed = self._confirmed(now, landed)
         tips = tips or self._tips_where_it_stands(motion)

@@ -70,8 +70,12 @@ def wobbling(image: U8, period: float, phase: float) -> U8:
     return np.asarray(bent, dtype=np.uint8)
 
 
-@pytest.mark.parametrize("seed", [4, 7, 12, 14, 16, 20])
-def test_a_ring_is_not_given_up_for_a_tag_bent_by_a_wobbling_rolling_shutter(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "most_m"), [(4, 0.15), (7, 0.15), (12, 0.15), (14, 0.15), (16, 0.2), (20, 0.15)]
+)
+def test_a_ring_is_not_given_up_for_a_tag_bent_by_a_wobbling_rolling_shutter(
+    seed: int, most_m: float
+) -> None:
     """By the tag alone the pad was 0.2 to 0.5 m off, with a sigma of 5 cm."""
     rng = np.random.default_rng([3, seed])
     towards, heading = rng.uniform(0.0, 2.0 * math.pi, 2)
@@ -87,7 +91,7 @@ def test_a_ring_is_not_given_up_for_a_tag_bent_by_a_wobbling_rolling_shutter(see
     assert {m.kind for m in seen.markers} == {"whycon", "apriltag"}
     pad = seen.pad[0]
     error = np.array(pad.position) - np.array(view.position)
-    assert np.linalg.norm(error) < 0.2
+    assert np.linalg.norm(error) < most_m
     assert error @ np.linalg.solve(np.array(pad.covariance), error) < 16.3  # 99.9 %
     assert pad.north is not None
     assert np.dot(pad.north, view.R_camera_pad[:, 0]) > math.cos(math.radians(8.0))

@@ -64,8 +64,8 @@ def glaring(image: scenes.U8, view: scenes.View, rng: np.random.Generator) -> sc
     return np.asarray(np.clip(light, 0.0, 255.0), dtype=np.uint8)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.12])
-def test_a_weak_spot_of_glare_moves_no_ring_further_than_stated(share: float) -> None:
+@pytest.mark.parametrize(("share", "least"), [(0.0, 37), (0.12, 34)])
+def test_a_weak_spot_of_glare_moves_no_ring_further_than_stated(share: float, least: int) -> None:
     """With the camera still, or while the picture moves by a share of the ring's diameter."""
     inside = 0
     for k in range(40):
@@ -79,4 +79,4 @@ def test_a_weak_spot_of_glare_moves_no_ring_further_than_stated(share: float) ->
         best = find_rings(glaring(image, view, rng), RING, CAMERA)[0].solutions[0]
         error = np.array(best.position) - view.position
         inside += bool(error @ np.linalg.solve(np.array(best.covariance), error) < CHI2_95)
-    assert inside >= 34
+    assert inside >= least

@@ -163,16 +163,16 @@ def test_a_ring_with_a_shadows_edge_across_it_is_found() -> None:
     assert error_m(found[0], view) < 0.02
 
 
-@pytest.mark.parametrize("distance", [5.0, 9.0, 13.0])
+@pytest.mark.parametrize(("distance", "most_m"), [(5.0, 0.03), (9.0, 0.03), (13.0, 0.035)])
 def test_a_ring_half_in_a_shadow_whose_white_is_darker_than_sunlit_black_is_found(
-    distance: float,
+    distance: float, most_m: float
 ) -> None:
     view = look(distance, 30, (320.0, 240.0))
     shadow = scenes.Shadow(0.1, (300.0, 240.0), (0.8, 0.6))
     image = shot(view, scenes.Optics(shadow=shadow, noise=0.8, background="grass"))
     found = find_rings(image, RING, CAMERA)
     assert len(found) == 1
-    assert error_m(found[0], view) < 0.035
+    assert error_m(found[0], view) < most_m
 
 
 def test_a_ring_blurred_by_ten_pixels_of_motion_is_found() -> None:
