@@ -3,11 +3,14 @@
 A pad with ring and tag is seen from several distances while the image drifts by a few pixels per
 frame. Times are medians over frames, each the least of a few repeats, on one core. Ratios are to
 pupil-apriltags on the full frame (quad_decimate 2, one thread): pip install 'landerd[peers]'.
+
+Textures are the simulator's grounds without a pad; each is searched with nothing known beforehand,
+as several frames in a row, of which the dearest counts.
 """
 
 import resource
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import cv2
@@ -15,8 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench import peers
+from bench.render import GROUNDS, World
+from bench.render import View as Pass
+from bench.vision_negatives import searched, timed_ms
+from hw.sim.snapshot import PadPose
 from landerd.camera_model import CameraModel
 from landerd.config.models import VisionSection
+from landerd.geometry import IDENTITY
 from landerd.messages import Frame, PadPrior, Prior
 from landerd.vision import Vision
 from tests.vision import scenes
@@ -26,6 +34,9 @@ FRAMES = 12  # at each distance
 REPEATS = 3  # of each measurement, of which the least time counts
 DRIFT_PX = 2.0  # per frame, at a width of 640 px
 FRAME_S = 1 / 30
+HEIGHTS_M = (2.0, 5.0, 12.0)  # above each of the simulator's grounds, with the pad out of sight
+FAR_PAD = PadPose((500.0, 0.0, 0.0), IDENTITY)
+TEXTURE_FRAMES = 6  # of one picture in a row
 
 U8 = NDArray[np.uint8]
 
@@ -96,6 +107,28 @@ def peer_ms(detect: Callable[[U8], object], image: U8) -> float:
     return least_ms(lambda: lambda: detect(image))
 
 
+def textures() -> Iterator[tuple[str, U8]]:
+    """Yield names and pictures of the simulator's grounds, seen obliquely beside the pad."""
+    for ground in ("grass", "asphalt", *GROUNDS):
+        renderer = World({}, {"ground": ground}).renderer
+        for height in HEIGHTS_M:
+            pose = Pass(height, -60.0, 0.0).pose(0.0)
+            yield f"{ground}, {height:.0f} m", renderer.render(0, pose, pose, FAR_PAD, None)
+
+
+def print_textures(detect: Callable[[U8], object]) -> None:
+    """Print times of searches where there is no pad, and their ratio to the peer's."""
+    print(f"{'texture':>16} {'peer ms':>8} {'search ms':>10} {'ratio':>6}")
+    ratios = []
+    for name, image in textures():
+        unit = timed_ms(partial(detect, image))
+        runs = [searched(scenes.THESIS_PAD, image, TEXTURE_FRAMES)[0] for _ in range(REPEATS)]
+        search = max(min(times) for times in zip(*runs, strict=True))
+        ratios.append(search / unit)
+        print(f"{name:>16} {unit:8.2f} {search:10.2f} {search / unit:6.2f}")
+    print(f"median of the ratios {np.median(ratios):.2f}, most {max(ratios):.2f}")
+
+
 def main() -> None:
     """Print the table."""
     detect = partial(peers.quick().squares, dictionary="APRILTAG_36h11")
@@ -126,6 +159,7 @@ def main() -> None:
         print(f"{distance:5.1f} {wide:8.2f} ms {wide / near:6.2f}")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"peak memory of this run, all images and the peer with it: {peak:.0f} MiB")
+    print_textures(detect)
 
 
 if __name__ == "__main__":
