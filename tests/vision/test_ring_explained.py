@@ -543,3 +543,37 @@ def test_a_ring_whose_hole_lies_in_the_shadow_of_a_beam_is_seen() -> None:
     across = (columns - x) * math.cos(1.1) + (rows - y) * math.sin(1.1)
     sun = np.clip(0.5 + (np.abs(across) - half) / 2.0, 0.3, 1.0)
     check(picture(light(view) * sun), view, 0.005)
+
+
+def sign_with_p(radius_px: int, turn_deg: float) -> U8:
+    """Return a dark picture with a P on a round white sign, a little out of focus."""
+    k, side = 8, 64  # pixels are drawn eight times as fine
+    u, c = radius_px * k / 10, side * k // 2
+    sign = np.full((side * k, side * k), 40.0, np.float32)
+    cv2.circle(sign, (c, c), int(10 * u), 230.0, -1)
+
+    def box(left: float, top: float, right: float, bottom: float, grey: float) -> None:
+        first, last = (
+            (int(c + left * u), int(c + top * u)),
+            (int(c + right * u), int(c + bottom * u)),
+        )
+        cv2.rectangle(sign, first, last, grey, -1)
+
+    box(-8.2, -5.2, 1.4, 4.4, 60.0)
+    box(-5.3, -2.3, -1.4, 1.6, 230.0)  # the hole of its loop
+    box(-8.2, 1.8, 8.5, 4.4, 60.0)
+    turn = cv2.getRotationMatrix2D((c, c), turn_deg, 1.0)
+    turned = cv2.warpAffine(sign, turn, sign.shape[::-1], borderValue=40.0)
+    seen = cv2.resize(
+        cv2.GaussianBlur(turned, (0, 0), 1.5 * k), (side, side), interpolation=cv2.INTER_AREA
+    )
+    image = np.full((CAMERA.height, CAMERA.width), 40.0)
+    image[200 : 200 + side, 300 : 300 + side] = seen
+    noise = np.random.default_rng(1).normal(0.0, 2.0, image.shape)
+    return np.clip(image + noise, 0.0, 255.0).astype(np.uint8)
+
+
+def test_the_loop_of_a_letter_is_hardly_ever_a_ring() -> None:
+    """A parking sign was approached as the pad, from 22 m down to 13 m."""
+    signs = [sign_with_p(radius, turn) for radius in range(17, 23) for turn in (0.0, 30.0, 60.0)]
+    assert sum(bool(find_rings(sign, RING, CAMERA)) for sign in signs) <= 2
