@@ -61,11 +61,11 @@ _EVEN_CONTRAST, _EVEN_PX = 0.65, 20.0
 # sigma of the shift, px. Of 190 rings under all kinds of shade these two were 0.47 and more, 0.4
 # and less; fits from starts 0.1 m away that were centimetres off had 0.55 at most or 0.56 at least.
 _NEAR_PX, _MIN_NEAR_VISIBLE, _MIN_NEAR_PRODUCT, _MAX_NEAR_SIGMA_PX = 40.0, 0.2, 0.45, 0.45
-# Least share of the outer edge over that of the inner one, of rings not larger than _EVEN_PX: the
-# loop of a letter is round only inside. 36 looks at a P on a round white sign have 0.56 to 0.79,
-# 710 rings in leaf shade, shadow, dirt, glare and motion, behind a leg and S-curves 0.77 and more,
-# a ring of 19 px in a screenshot 0.7.
-_ROUND_OUTSIDE = 0.7
+# Least share of the outer edge over that of the inner one: the loop of a letter is round only
+# inside. Asked of rings not larger than _EVEN_PX, and of all in `matched_fits`. 36 looks at a P on
+# a round white sign have 0.56 to 0.79, 710 rings in leaf shade, shadow, dirt, glare and motion,
+# behind a leg and S-curves 0.77 and more, a ring of 19 px in a screenshot 0.7.
+_EVEN = 0.7
 # A fit is given up, the mirrored pose untried, if the shares of both edges add up to less than
 # this.
 _HOPELESS_SUPPORT = 0.9
@@ -84,9 +84,9 @@ _ALIKE_PX, _HOPELESS_SHARE = 20.0, 0.6
 # none.
 _VOUCHED = 0.7
 # The same for the place that correlates best with a level ring: a hard shadow across it leaves 0.6.
-# But the share of one edge must be at least the second times that of the other, as in shadows: the
-# loop of a letter is round only inside. (Dirt in the hole may hide the inner edge of a ring.)
-_MATCHED, _EVEN = 0.6, 0.7
+# But the share of either edge must be at least _EVEN times that of the other, as in shadows. (Dirt
+# in the hole may hide the inner edge of a ring.)
+_MATCHED = 0.6
 # Factor on the covariance then: without it, of 53 such rings in leaf shade only 62 in 100 lay
 # within the region of 99 %.
 _VOUCHED_INFLATION = 4.0
@@ -449,7 +449,7 @@ def _told(
     those of a ring of another ratio.
     """
     outer, inner = e.support
-    if _shorter_px(e) < _EVEN_PX and outer < _ROUND_OUTSIDE * inner:
+    if _shorter_px(e) < _EVEN_PX and outer < _EVEN * inner:
         return None
     is_ring = is_ring_by_edges(e)
     is_even = _shorter_px(e) > _EVEN_PX or min(e.contrast) > _EVEN_CONTRAST * max(e.contrast)
