@@ -32,7 +32,6 @@ from hw.sim.picture.pad_print import printed
 from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.shutter import POSE_PERIOD_S, Readout
 from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
-from landerd.commands.detect import search_still
 from landerd.config.models import VisionSection
 from landerd.geometry import IDENTITY
 from landerd.messages import Frame, PoseSolution
@@ -362,7 +361,7 @@ def looked(layout: PadLayout, made: list[Shot], options: VisionSection) -> Line:
     for shot in made:
         vision = Vision(layout, CAMERA, options)
         began = time.perf_counter()
-        seen = search_still(vision, Frame(0.0, 0, shot.image))
+        seen = vision.search_still(Frame(0.0, 0, shot.image))
         ms = (time.perf_counter() - began) * 1e3
         stage = getattr(seen.markers[0], "stage", None) if seen.markers else None
         line.add(seen.pad, stage or "-", shot.view, ms)

@@ -5,7 +5,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,11 +26,6 @@ from landerd.vision import Vision
 from landerd.vision.disagreement import Disagreement
 from landerd.vision.draw import draw
 
-# Number of searches of a still without a pad: at least, and at most while the search of the whole
-# image goes on. Squares in the whole image are searched for with the thresholds in turn, and in its
-# quarters in turn (landerd.vision.square); if the pad has rings, only by every fifth search. The
-# least number is enough for all thresholds in the whole image, and for the first in all quarters.
-_LEAST_SEARCHES, _MOST_SEARCHES = 37, 54
 _MOST_CAMERAS = 1000  # a number from here on is not taken for a camera's
 _READOUT_S = 0.02  # readout time assumed of the camera's rolling shutter, s
 # Formats that OpenCV cannot read, or only as videos.
@@ -161,13 +156,14 @@ def _detect(
             vision = _new_vision(layout, fitting)
         start = time.perf_counter()
         frame = Frame(picture.t, seq, picture.image)
-        sightings = search_still(vision, frame) if picture.is_still else vision.process(frame)
+        sightings = vision.search_still(frame) if picture.is_still else vision.process(frame)
         ms = 1e3 * (time.perf_counter() - start)
         wrong = vision.disagreement()
+        others = vision.other_markers(picture.image, sightings) if picture.is_still else []
         if args.json:
-            print(json.dumps(as_json(picture.name, sightings, ms, wrong)), flush=True)
+            print(json.dumps(as_json(picture.name, sightings, ms, wrong, others)), flush=True)
         else:
-            print(_in_words(picture.name, sightings, ms, wrong), flush=True)
+            print(_in_words(picture.name, sightings, ms, wrong, others), flush=True)
         if args.draw is not None:
             _, png = cv2.imencode(".png", draw(picture.image, sightings, fitting, layout))
             write_bytes(_unused(args.draw, picture.name, drawn), png.tobytes())
@@ -188,20 +184,6 @@ def _unused(folder: Path, name: str, used: set[Path]) -> Path:
         path = folder / f"{name}-{number}.png"
     used.add(path)
     return path
-
-
-def search_still(vision: Vision, frame: Frame) -> Sightings:
-    """Search a still repeatedly, and return what the first search that finds the pad sees.
-
-    In a video a thorough search is spread over several frames; here the same frame is searched
-    again instead. If no search finds the pad, the sightings of the last one are returned.
-    """
-    sightings = vision.process(frame)
-    for searches in range(1, _MOST_SEARCHES):
-        if sightings.pad or (searches >= _LEAST_SEARCHES and not vision.was_cut):
-            break
-        sightings = vision.process(frame)
-    return sightings
 
 
 def _new_vision(layout: PadLayout, camera: CameraModel) -> Vision:
@@ -316,7 +298,11 @@ def _frames(source: str) -> Iterator[Picture]:
 
 
 def as_json(
-    name: str, sightings: Sightings, ms: float, wrong: Disagreement | None = None
+    name: str,
+    sightings: Sightings,
+    ms: float,
+    wrong: Disagreement | None = None,
+    others: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return the object that `--json` prints for one picture.
 
@@ -325,6 +311,7 @@ def as_json(
         sightings: in the picture.
         ms: time of the search, ms.
         wrong: error by which markers contradict each other; None: they do not.
+        others: markers that are not the pad's.
     """
     return {
         "image": name,
@@ -333,6 +320,7 @@ def as_json(
         "other_id": sightings.other_id,
         "may_be_another": sightings.may_be_another,
         "disagreement": None if wrong is None else _disagreement(wrong),
+        "other_markers": list(others),
         "ms": round(ms, 3),
     }
 
@@ -387,7 +375,9 @@ def yaw_deg(normal: Vec3, north: Vec3) -> float:
     return math.degrees(math.atan2(dot(normal, cross(up, north)), dot(up, north)))
 
 
-def _in_words(name: str, sightings: Sightings, ms: float, wrong: Disagreement | None) -> str:
+def _in_words(
+    name: str, sightings: Sightings, ms: float, wrong: Disagreement | None, others: Sequence[str]
+) -> str:
     """Return the line that is printed for one picture; arguments as those of `as_json`."""
     parts = []
     for m in sightings.markers:
@@ -401,6 +391,8 @@ def _in_words(name: str, sightings: Sightings, ms: float, wrong: Disagreement | 
         parts.append("may be another pad: its plate is cut by the picture's edge")
     if wrong is not None:
         parts.append(f"markers disagree: {wrong.text}")
+    if others:
+        parts.append(f"not the pad's: {', '.join(others)}")
     return f"{name}: {'; '.join(parts) or 'nothing found'} ({ms:.1f} ms)"
 
 

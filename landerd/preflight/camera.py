@@ -128,21 +128,31 @@ def _in_time(got: _Frames, oldest_s: float) -> Finding | None:
 
 
 def _pad(frame: Frame, vision: Vision) -> list[Finding]:
-    """Return a finding if the pad is in sight and its markers contradict each other."""
+    """Return findings on what is in sight: other markers than the pad's, or contradictions."""
     try:
-        vision.process(frame)
+        sightings = vision.search_still(frame)
     except ValueError:
         return []  # another size or type, on which there is another finding
+    findings = [
+        Finding(
+            "warn",
+            "pad",
+            f"in sight is {other}",
+            "if that is on the pad, mend its file (docs/markers.md)",
+        )
+        for other in vision.other_markers(frame.image, sightings)
+    ]
     wrong = vision.disagreement()
     if wrong is None:
-        return []
+        return findings
     return [
+        *findings,
         Finding(
             "warn",
             "pad",
             f"its markers contradict each other: {wrong.text}",
             "measure the pad and mend its file, or print it anew (docs/markers.md)",
-        )
+        ),
     ]
 
 

@@ -6,6 +6,7 @@ of them together would cost too much. `square_fit` gives a detected square its p
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ from landerd.vision.print_fit import Fit
 
 # ---- sizes and cells ---------------------------------------------------------------------------
 MIN_SIDE_PX = 5.0
+_CLEAR_SIDE_PX = 16.0  # least side of other squares than the pad's that are told
 # Least width of a cell, px: of 120 tags of 7 to 20 px none with smaller cells was decoded.
 # Following smaller outlines takes as long again in an image that is full of them.
 _MIN_CELL_PX = 1.2
@@ -198,12 +200,10 @@ class SquareFinder:
         if min(part.shape) < MIN_SIDE_PX:
             return []
         part = _scaled(part, scale)
-        parameters = _parameters(4.0 * smallest_px / max(part.shape), _WINDOW_MEANS_PX[1])
-        parameters.errorCorrectionRate = 0.0
         detector, own = self._whole[dictionary]
         return [
             (number, _in_whole(corners, scale, (window.x0, window.y0)))
-            for number, corners in _detected(detector, parameters, part)
+            for number, corners in _without_error(detector, part, _WINDOW_MEANS_PX[1], smallest_px)
             if number not in own
         ]
 
@@ -316,6 +316,33 @@ def _turns(name: str) -> int:
     the tag as the AprilTag project prints it.
     """
     return 2 if name.upper().startswith("APRILTAG") else 0
+
+
+def _without_error(
+    detector: cv2.aruco.ArucoDetector, image: Image, means_px: int, smallest_px: float
+) -> Iterator[tuple[int, F64]]:
+    """Yield the same of squares all of whose cells are read without an error."""
+    parameters = _parameters(4.0 * smallest_px / max(image.shape), means_px)
+    parameters.errorCorrectionRate = 0.0
+    return _detected(detector, parameters, image)
+
+
+def clear_ids(image: Image, dictionary: str) -> list[int]:
+    """Return the ids of the squares of a dictionary that are clear to see in an image.
+
+    Those are read without an error under two thresholds; texture shows them under one at most.
+
+    Args:
+        image: grey image (height, width).
+        dictionary: by OpenCV's name without DICT_.
+    """
+    detector = cv2.aruco.ArucoDetector(_dictionary(dictionary))
+    seen = Counter(
+        number
+        for means_px, _ in _WHOLE_MEANS_PX
+        for number in {n for n, _ in _without_error(detector, image, means_px, _CLEAR_SIDE_PX)}
+    )
+    return sorted(number for number, times in seen.items() if times > 1)
 
 
 def _parameters(

@@ -38,6 +38,7 @@ from landerd.vision.detectors import Detectors, PixelDetectors, keep_freed_memor
 from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import Expected, SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
+from landerd.vision.other_markers import other_markers
 from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity, with_north
 from landerd.vision.pose import (
     SAME_SOLUTION_COS,
@@ -67,6 +68,11 @@ _PLATE_LOOKS_S, _LEAST_LOOKS = 1.0, 1.0 / 3.0
 # How long a ring counts as another pad's after that pad's id was read beside it, s: until the
 # estimator has forgotten it.
 _OTHER_HELD_S = 2.5
+# Number of searches of a still without a pad: at least, and at most while the search of the whole
+# image goes on. Squares in the whole image are searched for with the thresholds in turn, and in its
+# quarters in turn (landerd.vision.square); if the pad has rings, only by every fifth search. The
+# least number is enough for all thresholds in the whole image, and for the first in all quarters.
+_LEAST_SEARCHES, _MOST_SEARCHES = 37, 54
 # A ring's mirrored pose is ruled out if its chi-square is larger by more: odds of 1 to 400.
 _AMBIGUOUS_CHI2 = 12.0
 
@@ -205,6 +211,36 @@ class Vision:
     def was_cut(self) -> bool:
         """Whether the last frame's search was cut short by its cost and goes on in the next."""
         return self._search.was_cut
+
+    def search_still(self, frame: Frame) -> Sightings:
+        """Search a still repeatedly, and return what the first search that finds the pad sees.
+
+        In a video a thorough search is spread over several frames; here the same frame is searched
+        again instead. If no search finds the pad, the sightings of the last one are returned.
+
+        Raises:
+            ValueError: as `process`.
+        """
+        sightings = self.process(frame)
+        for searches in range(1, _MOST_SEARCHES):
+            is_over = searches >= _LEAST_SEARCHES and not self.was_cut
+            if sightings.pad or is_over:
+                break
+            sightings = self.process(frame)
+        return sightings
+
+    def other_markers(self, image: Image, sightings: Sightings) -> list[str]:
+        """Return in words which markers an image shows that differ from the pad file's.
+
+        Args:
+            image: grey image (height, width) of the camera's size.
+            sightings: in that image.
+        """
+        if sightings.other_id is not None:
+            return []  # told already
+        x0, y0, x1, y1 = self._part
+        seen = {m.kind for m in sightings.markers}
+        return other_markers(spread(image[y0:y1, x0:x1]), self._layout, self._camera, seen)
 
     def disagreement(self) -> Disagreement | None:
         """Return how the markers of the last frame contradict each other; None: they do not."""

@@ -26,6 +26,7 @@ from landerd.config.files import Loaded, config_dir
 from landerd.devices import make_devices
 from landerd.drivers import read_configuration
 from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
+from landerd.pad import Ring
 from landerd.ports import DeviceLost, Feedback, GimbalTraits, NotInstalled
 from landerd.preflight.configuration import first_flight
 from landerd.preflight.finding import Finding
@@ -33,6 +34,7 @@ from landerd.runtime.clock import run_virtual
 from landerd.runtime.daemon import Devices
 from tests.hw.flight import PlainAirframe, plain_autopilot
 from tests.quick_clock import run_quickly
+from tests.vision.scenes import THESIS_CAMERA, U8, Optics, alone, look, render
 
 GOOD_PARAMETERS = {
     "RC11_OPTION": 0.0,
@@ -58,6 +60,7 @@ class Camera:
     lost: bool = False
     lacks: str = ""
     remarks: tuple[str, ...] = ()
+    shows: U8 | None = None
 
     async def open(self) -> None:
         self._seq = 0
@@ -74,6 +77,8 @@ class Camera:
         self._seq += 1
         shape = (self.size[1], self.size[0])
         image = np.full(shape, self.brightness, np.uint8)
+        if self.shows is not None:
+            image = self.shows.copy()
         image[0] = (
             self._random.integers(0, 255, self.size[0])
             if not self.frozen
@@ -254,6 +259,13 @@ def fast(set_up: SetUp) -> None:
     set_up.overrides = ["guidance.limits.speed_mps=20"]
 
 
+def ring_of_another_ratio(set_up: SetUp) -> None:
+    ring = Ring(kind="whycon", outer_diameter_m=1.0, inner_ratio=0.55)
+    view = look(THESIS_CAMERA, 3.0, 0.2, pixel=(300.0, 240.0))
+    optics = Optics(background="grass")
+    set_up.camera.shows = render(view, THESIS_CAMERA, optics, np.random.default_rng(1), alone(ring))
+
+
 def real_camera(set_up: SetUp) -> None:
     set_up.overrides = ["camera.driver=v4l2"]
 
@@ -391,6 +403,13 @@ def pad_with(fault: str) -> Callable[[SetUp], None]:
         (pad_with("edge"), "warn", "pad", "apriltag 0 of 312 mm reaches over the edge", "measure"),
         (pad_with("apart"), "warn", "pad", "whycon.* and apriltag 0 .* over each other", "measure"),
         (pad_with("nested"), "warn", "pad", "whycon.* and apriltag 1 .* over each other", "sizes"),
+        (
+            ring_of_another_ratio,
+            "warn",
+            "pad",
+            "in sight is a ring whose inner ratio is about 0.5.* file has 0.41",
+            "mend its file",
+        ),
         (taken_switch, "fail", "parameters", "RC11_OPTION is 31", "RC11_OPTION 0"),
         (set_of("vehicle.parameters", {}), "warn", "parameters", "did not tell", "docs"),
     ],

@@ -14,7 +14,16 @@ from landerd.geometry import Vec3
 from landerd.pad import load_pad
 from landerd.vision.pose import vec3
 from tests.tiffs import tiff
-from tests.vision.scenes import THESIS_CAMERA, Optics, View, look, render, with_tag
+from tests.vision.scenes import (
+    THESIS_CAMERA,
+    THESIS_PAD,
+    Optics,
+    View,
+    alone,
+    look,
+    render,
+    with_tag,
+)
 
 CONFIG = Path(__file__).parents[2] / "config"
 FILES = [
@@ -115,6 +124,20 @@ def test_another_pad_is_named_by_its_tag(
     cv2.imwrite(str(tmp_path / "a.png"), render(VIEW, THESIS_CAMERA, Optics(), rng, with_tag(id=7)))
     assert main(["detect", str(tmp_path), *FILES]) == 0
     assert "another pad: tag 7" in capsys.readouterr().out
+
+
+def test_markers_that_are_not_the_pads_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A pad file with the wrong ratio or id must not look like a picture of grass."""
+    ring = THESIS_PAD.rings[0].model_copy(update={"inner_ratio": 0.55})
+    image = render(VIEW, THESIS_CAMERA, Optics(), np.random.default_rng(1), alone(ring))
+    cv2.imwrite(str(tmp_path / "a.png"), image)
+    assert main(["detect", str(tmp_path), *FILES]) == 0
+    assert "not the pad's: a ring whose inner ratio is about 0.5" in capsys.readouterr().out
+    assert main(["detect", str(tmp_path), *FILES, "--json"]) == 0
+    (text,) = json.loads(capsys.readouterr().out)["other_markers"]
+    assert text.endswith("(the pad file has 0.41)")
 
 
 def test_tags_in_texture_are_looked_for_in_a_still_with_all_thresholds(
