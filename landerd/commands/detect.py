@@ -5,8 +5,8 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,17 @@ class Picture:
     image: NDArray[np.uint8]  # (height, width)
     follows: bool  # whether the picture before is the preceding frame of the same video or camera
     is_still: bool  # whether it is from an image file, not from a video or camera
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a picture shows."""
+
+    sightings: Sightings
+    disagreement: Disagreement | None  # error by which markers contradict each other
+    # The markers are rings like the pad's, not taken for them as its plate is not seen about them.
+    lacks_plate: bool = False
+    others: tuple[str, ...] = ()  # markers that are not the pad's, in words
 
 
 Refuse = Callable[[Exception], None]  # called with the reason if a picture is left out
@@ -156,17 +167,26 @@ def _detect(
             vision = _new_vision(layout, fitting)
         start = time.perf_counter()
         frame = Frame(picture.t, seq, picture.image)
-        sightings = vision.search_still(frame) if picture.is_still else vision.process(frame)
+        seen = _look(vision, frame, is_still=picture.is_still)
         ms = 1e3 * (time.perf_counter() - start)
-        wrong = vision.disagreement()
-        others = vision.other_markers(picture.image, sightings) if picture.is_still else []
         if args.json:
-            print(json.dumps(as_json(picture.name, sightings, ms, wrong, others)), flush=True)
+            print(json.dumps(as_json(picture.name, seen, ms)), flush=True)
         else:
-            print(_in_words(picture.name, sightings, ms, wrong, others), flush=True)
+            print(_in_words(picture.name, seen, ms), flush=True)
         if args.draw is not None:
-            _, png = cv2.imencode(".png", draw(picture.image, sightings, fitting, layout))
+            _, png = cv2.imencode(".png", draw(picture.image, seen.sightings, fitting, layout))
             write_bytes(_unused(args.draw, picture.name, drawn), png.tobytes())
+
+
+def _look(vision: Vision, frame: Frame, *, is_still: bool) -> Seen:
+    """Return what a picture shows; a still is searched to the end."""
+    if not is_still:
+        return Seen(vision.process(frame), vision.disagreement())
+    sightings = vision.search_still(frame)
+    bare = vision.rings_without_plate(frame.image, sightings)
+    sightings = replace(sightings, markers=sightings.markers + tuple(bare))
+    others = vision.other_markers(frame.image, sightings)
+    return Seen(sightings, vision.disagreement(), lacks_plate=bool(bare), others=tuple(others))
 
 
 def _unused(folder: Path, name: str, used: set[Path]) -> Path:
@@ -297,30 +317,24 @@ def _frames(source: str) -> Iterator[Picture]:
 # ---- what was seen -----------------------------------------------------------------------------
 
 
-def as_json(
-    name: str,
-    sightings: Sightings,
-    ms: float,
-    wrong: Disagreement | None = None,
-    others: Sequence[str] = (),
-) -> dict[str, Any]:
+def as_json(name: str, seen: Seen, ms: float) -> dict[str, Any]:
     """Return the object that `--json` prints for one picture.
 
     Args:
         name: of the picture.
-        sightings: in the picture.
+        seen: in the picture.
         ms: time of the search, ms.
-        wrong: error by which markers contradict each other; None: they do not.
-        others: markers that are not the pad's.
     """
+    sightings, wrong = seen.sightings, seen.disagreement
     return {
         "image": name,
         "markers": [_marker(m) for m in sightings.markers],
         "pad": _pose(sightings.pad[0]) if sightings.pad else None,
+        "lacks_plate": seen.lacks_plate,
         "other_id": sightings.other_id,
         "may_be_another": sightings.may_be_another,
         "disagreement": None if wrong is None else _disagreement(wrong),
-        "other_markers": list(others),
+        "other_markers": list(seen.others),
         "ms": round(ms, 3),
     }
 
@@ -375,24 +389,25 @@ def yaw_deg(normal: Vec3, north: Vec3) -> float:
     return math.degrees(math.atan2(dot(normal, cross(up, north)), dot(up, north)))
 
 
-def _in_words(
-    name: str, sightings: Sightings, ms: float, wrong: Disagreement | None, others: Sequence[str]
-) -> str:
+def _in_words(name: str, seen: Seen, ms: float) -> str:
     """Return the line that is printed for one picture; arguments as those of `as_json`."""
+    sightings = seen.sightings
     parts = []
     for m in sightings.markers:
         label = m.kind if m.id is None else f"{m.kind} {m.id}"
         parts.append(f"{label} at {_place(m.solutions[0])}")
     if sightings.pad:
         parts.append(f"pad at {_place(sightings.pad[0])}")
+    if seen.lacks_plate:
+        parts.append("not taken for the pad: its plate is not seen about it")
     if sightings.other_id is not None:
         parts.append(f"another pad: tag {sightings.other_id} lies beside its ring")
     if sightings.may_be_another:
         parts.append("may be another pad: its plate is cut by the picture's edge")
-    if wrong is not None:
-        parts.append(f"markers disagree: {wrong.text}")
-    if others:
-        parts.append(f"not the pad's: {', '.join(others)}")
+    if seen.disagreement is not None:
+        parts.append(f"markers disagree: {seen.disagreement.text}")
+    if seen.others:
+        parts.append(f"not the pad's: {', '.join(seen.others)}")
     return f"{name}: {'; '.join(parts) or 'nothing found'} ({ms:.1f} ms)"
 
 

@@ -133,6 +133,9 @@ def _pad(frame: Frame, vision: Vision) -> list[Finding]:
         sightings = vision.search_still(frame)
     except ValueError:
         return []  # another size or type, on which there is another finding
+    seen = vision.other_markers(frame.image, sightings)
+    if vision.rings_without_plate(frame.image, sightings):
+        seen = ["a ring like the pad's, but not the pad's plate about it", *seen]
     findings = [
         Finding(
             "warn",
@@ -140,7 +143,7 @@ def _pad(frame: Frame, vision: Vision) -> list[Finding]:
             f"in sight is {other}",
             "if that is on the pad, mend its file (docs/markers.md)",
         )
-        for other in vision.other_markers(frame.image, sightings)
+        for other in seen
     ]
     wrong = vision.disagreement()
     if wrong is None:

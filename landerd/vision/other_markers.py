@@ -1,4 +1,4 @@
-"""Tells in words which markers a picture shows that are not those of the pad file.
+"""Tells what a picture shows instead of the pad: rings without its plate, and other markers.
 
 For `landerd detect` and `landerd check`: another id, dictionary, ratio or plate than those of the
 pad that lies there is the commonest reason why a pad is not found.
@@ -9,6 +9,7 @@ import statistics
 from collections.abc import Collection, Iterable, Iterator
 
 from landerd.camera_model import CameraModel
+from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, WhyCode, whycode_ids
 from landerd.vision.arrays import Image
 from landerd.vision.pose import box
@@ -44,6 +45,25 @@ def other_markers(
     if layout.whycodes and "whycode" not in seen:
         told += _codes(image, layout, camera)
     return told
+
+
+def rings_without_plate(
+    image: Image, layout: PadLayout, camera: CameraModel
+) -> list[MarkerSighting]:
+    """Return rings like the pad's, whether or not its plate is seen about them, nearest first.
+
+    Args:
+        image: grey image (height, width), searched to the end.
+        layout: the pad.
+        camera: the lens.
+    """
+    found: list[MarkerSighting] = []
+    for ring in layout.rings:
+        work = RingWork()
+        found += find_rings(image, ring, camera, work=work)
+        while not found and work.was_cut:
+            found += find_rings(image, ring, camera, work=work)
+    return found
 
 
 def _ring(image: Image, layout: PadLayout, camera: CameraModel) -> list[str]:

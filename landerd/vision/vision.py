@@ -38,7 +38,7 @@ from landerd.vision.detectors import Detectors, PixelDetectors, keep_freed_memor
 from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import Expected, SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
-from landerd.vision.other_markers import other_markers
+from landerd.vision.other_markers import other_markers, rings_without_plate
 from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity, with_north
 from landerd.vision.pose import (
     SAME_SOLUTION_COS,
@@ -228,6 +228,21 @@ class Vision:
                 break
             sightings = self.process(frame)
         return sightings
+
+    def rings_without_plate(self, image: Image, sightings: Sightings) -> list[MarkerSighting]:
+        """Return rings that are not taken for the pad's, as its plate is not seen about them.
+
+        None if a marker of the pad was found.
+
+        Args:
+            image: grey image (height, width) of the camera's size.
+            sightings: in that image, searched as a still.
+        """
+        if sightings.markers or sightings.other_id is not None:
+            return []
+        x0, y0, x1, y1 = self._part
+        found = rings_without_plate(spread(image[y0:y1, x0:x1]), self._layout, self._camera)
+        return [self._in_whole(sighting) for sighting in found]
 
     def other_markers(self, image: Image, sightings: Sightings) -> list[str]:
         """Return in words which markers an image shows that differ from the pad file's.

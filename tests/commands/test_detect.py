@@ -11,7 +11,7 @@ import pytest
 from landerd.cli import main
 from landerd.commands.detect import yaw_deg
 from landerd.geometry import Vec3
-from landerd.pad import load_pad
+from landerd.pad import Plate, load_pad
 from landerd.vision.pose import vec3
 from tests.tiffs import tiff
 from tests.vision.scenes import (
@@ -138,6 +138,34 @@ def test_markers_that_are_not_the_pads_are_told(
     assert main(["detect", str(tmp_path), *FILES, "--json"]) == 0
     (text,) = json.loads(capsys.readouterr().out)["other_markers"]
     assert text.endswith("(the pad file has 0.41)")
+
+
+def test_a_ring_whose_plate_is_not_as_the_pad_file_says_is_shown_but_not_taken_for_the_pad(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A ring on a larger white sheet than the pad file's must not look like a picture of grass."""
+    ring = alone(THESIS_PAD.rings[0])
+    sheet = Plate(north_m=1.6, south_m=1.6, east_m=1.6, west_m=1.6)
+    view = look(THESIS_CAMERA, 16.0, 0.3, pixel=(300.0, 240.0))
+    optics = Optics(background="grass")
+    for name, pad in (("a.png", ring.model_copy(update={"plate": sheet})), ("b.png", ring)):
+        image = render(view, THESIS_CAMERA, optics, np.random.default_rng(1), pad)
+        cv2.imwrite(str(tmp_path / name), image)
+    file = tmp_path / "pad.yaml"
+    file.write_text(
+        "name: ring\nmarkers: [{kind: whycon, outer_diameter_m: 1.0}]\n"
+        "plate: {north_m: 1.02, south_m: 0.62, east_m: 0.62, west_m: 0.62}\n"
+    )
+    assert main(["detect", str(tmp_path), *FILES[:3], str(file), "--json"]) == 0
+    lacking, plain = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert (lacking["pad"], lacking["lacks_plate"], plain["lacks_plate"]) == (None, True, False)
+    (marker,) = lacking["markers"]
+    assert math.dist(marker["position_m"], view.position) < 0.1
+    assert math.dist(plain["pad"]["position_m"], view.position) < 0.1
+    assert main(["detect", str(tmp_path), *FILES[:3], str(file)]) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert "not taken for the pad: its plate is not seen about it" in first
+    assert "not taken" not in second
 
 
 def test_tags_in_texture_are_looked_for_in_a_still_with_all_thresholds(
