@@ -184,7 +184,8 @@ def _look(vision: Vision, frame: Frame, *, is_still: bool) -> Seen:
         return Seen(vision.process(frame), vision.disagreement())
     sightings = vision.search_still(frame)
     bare = vision.rings_without_plate(frame.image, sightings)
-    sightings = replace(sightings, markers=sightings.markers + tuple(bare))
+    more = vision.other_squares(frame.image, sightings)
+    sightings = replace(sightings, markers=(*sightings.markers, *more, *bare))
     others = vision.other_markers(frame.image, sightings)
     return Seen(sightings, vision.disagreement(), lacks_plate=bool(bare), others=tuple(others))
 

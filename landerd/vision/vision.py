@@ -43,6 +43,7 @@ from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_g
 from landerd.vision.pose import (
     SAME_SOLUTION_COS,
     Pose,
+    box,
     circle,
     rotation_2d,
     rotation_from,
@@ -73,6 +74,9 @@ _OTHER_HELD_S = 2.5
 # quarters in turn (landerd.vision.square); if the pad has rings, only by every fifth search. The
 # least number is enough for all thresholds in the whole image, and for the first in all quarters.
 _LEAST_SEARCHES, _MOST_SEARCHES = 37, 54
+# The same of searches for all squares of a still. Two sightings are of one square if their middles
+# are nearer than this, in widths.
+_SQUARE_SEARCHES, _SAME_SQUARE = 16, 0.35
 # A ring's mirrored pose is ruled out if its chi-square is larger by more: odds of 1 to 400.
 _AMBIGUOUS_CHI2 = 12.0
 
@@ -228,6 +232,28 @@ class Vision:
                 break
             sightings = self.process(frame)
         return sightings
+
+    def other_squares(self, image: Image, sightings: Sightings) -> list[MarkerSighting]:
+        """Return the squares in a still that the search which found its pad did not show.
+
+        Each search looks in another way (`SquareFinder._whole_looks`), so some squares are seen
+        only by some. Several of one id may lie about.
+
+        Args:
+            image: grey image (height, width) of the camera's size.
+            sightings: in that image, searched as a still.
+        """
+        squares = self._layout.squares
+        if not squares:
+            return []
+        only = self._layout.model_copy(update={"markers": squares})
+        vision = Vision(only, self._whole, self._options)
+        found = list(sightings.markers)
+        for k in range(_SQUARE_SEARCHES):
+            # So late that the search before tells nothing: the whole image is searched.
+            seen = vision.process(Frame(float(k), k, image)).markers
+            found += [m for m in seen if not any(_is_same(m, other) for other in found)]
+        return found[len(sightings.markers) :]
 
     def rings_without_plate(self, image: Image, sightings: Sightings) -> list[MarkerSighting]:
         """Return rings that are not taken for the pad's, as its plate is not seen about them.
@@ -505,6 +531,12 @@ def _checked(image: Image, camera: CameraModel) -> Image:
             f"the camera is calibrated for {camera.width}x{camera.height}"
         )
     return image
+
+
+def _is_same(a: MarkerSighting, b: MarkerSighting) -> bool:
+    """Tell whether two sightings in one image are of the same marker."""
+    (x, y, w, h), (u, v, *_) = box(a.outline_px), box(b.outline_px)
+    return a.id == b.id and math.hypot(x - u, y - v) < _SAME_SQUARE * max(w, h)
 
 
 def _is_at(expected: Expected | None, ring: Ring, sighting: MarkerSighting) -> bool:

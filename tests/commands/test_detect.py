@@ -181,6 +181,21 @@ def test_tags_in_texture_are_looked_for_in_a_still_with_all_thresholds(
     assert math.dist(seen["pad"]["position_m"], view.position) < 0.5
 
 
+@pytest.mark.parametrize(("distance", "heading"), [(4.0, 0.3), (5.0, 0.7), (5.0, 1.3)])
+def test_all_tags_of_a_still_are_told_not_only_those_that_show_the_pad_first(
+    distance: float, heading: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each search looks in another way, and the one that finds the pad misses the small tag."""
+    file = CONFIG / "pads" / "bundle.yaml"
+    view = look(THESIS_CAMERA, distance, 0.5, pixel=(300, 240), heading=heading)
+    rng = np.random.default_rng(round((heading - 0.3) / 0.2))
+    image = render(view, THESIS_CAMERA, Optics(background="grass"), rng, load_pad(file))
+    cv2.imwrite(str(tmp_path / "a.png"), image)
+    assert main(["detect", str(tmp_path / "a.png"), *FILES[:3], str(file), "--json"]) == 0
+    seen = json.loads(capsys.readouterr().out)
+    assert sorted(m["id"] for m in seen["markers"]) == [10, 11, 12, 13, 14]
+
+
 def test_a_whycode_is_printed_with_number_and_yaw(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
