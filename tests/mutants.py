@@ -1608,6 +1608,14 @@ MUTANTS = [
         "::test_a_climb_rate_that_the_height_contradicts_is_not_flown_down_on",
     ),
     Mutant(
+        "2: begins to land as fast as the vehicle sinks, however low",
+        "landerd/guidance/state_flying.py",
+        "down = min(down, max(0.0, self._fastest_sinking(context.sight)))",
+        "pass",
+        "guidance/test_landing.py::test_taken_over_while_it_sinks_fast_just_over_the_pad_it_orders"
+        "_no_more_than_can_be_stopped",
+    ),
+    Mutant(
         "5: held by the autopilot's climb rate where that is wrong",
         "landerd/guidance/state_flying.py",
         "hold_m = max(self._held_m, o.descent.retry_height_m)",

@@ -99,6 +99,9 @@ class Tracking:
             north, east, down = vehicle.velocity
             # A vehicle that stands does not climb: velocity noise taken for a climb lifted one.
             down = max(down, 0.0) if context.stands(step.now) else down
+            if context.sight is not None:
+                # A vehicle may sink fast after a silence; orders need not, and must not from low.
+                down = min(down, max(0.0, self._fastest_sinking(context.sight)))
             context.orders.go_on_from((north, east, down))
         self._heading_t = self._waits_t = self._seen_from = self._followed_t = step.now
         self._holds = False

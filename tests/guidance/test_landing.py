@@ -163,6 +163,26 @@ def test_it_sinks_no_faster_than_a_gentle_autopilot_can_stop_should_landerd_die(
         assert sinks**2 - 2.0 * 0.4 * left_m < 0.5**2  # design rule 2
 
 
+@pytest.mark.parametrize("height", [0.8, 1.0, 1.3])
+def test_taken_over_while_it_sinks_fast_just_over_the_pad_it_orders_no_more_than_can_be_stopped(
+    height: float,
+) -> None:
+    """After a link that was cut it sank at 0.8 m/s from 0.9 m, and was ordered to."""
+    flight = Flight(position=(0.0, 0.0, -4.0))
+    flight.pad_heading = flight.yaw
+    flight.run(1.1)
+    flight.order = Setpoint((0.0, 0.0, 0.9), 0.0)  # by hand
+    while flight.height > height:
+        flight.tick()
+    assert flight.velocity[2] > 0.7
+    flight.pulse_us = HIGH
+    while flight.lander.state is not State.COMMITTED:
+        flight.tick()
+        sinks = flight.setpoints[-1][1].velocity[2] if flight.setpoints else 0.0
+        left_m = max(0.0, flight.height - sinks * flight.config.autopilot.guided_timeout_s)
+        assert sinks**2 - 2.0 * 1.0 * left_m < 0.5**2  # design rule 2
+
+
 def test_it_leaves_room_for_a_deck_that_may_come_up_as_far_as_is_known() -> None:
     autopilot = {"guided_timeout_s": 1.0, "vertical_acceleration_mps2": 1.0}
     config = Config.model_validate({"autopilot": autopilot})
