@@ -33,10 +33,10 @@ from landerd.commands.shared import (
 from landerd.config.files import ConfigError, Loaded, config_dir
 from landerd.devices import SetUpError, camera_options, fitting_camera, make_devices
 from landerd.drivers import read_configuration
-from landerd.pad import PadError, load_pad
+from landerd.pad import PadError, PadLayout, load_pad
 from landerd.ports import Camera
 from landerd.preflight.autopilot import AutopilotCheck
-from landerd.preflight.camera import check_camera
+from landerd.preflight.camera import CameraCheck
 from landerd.preflight.computer import SYSTEM, budget_finding, computer_findings
 from landerd.preflight.configuration import (
     descent_findings,
@@ -198,8 +198,10 @@ async def check(
     layout = load_pad(config.pad.layout)
     gimbal_done = asyncio.Event()
 
+    camera_check = None if model is None else _camera_check(loaded, layout, model)
+
     async def camera() -> list[Finding]:
-        return [] if model is None else await _camera(loaded, devices.camera, model)
+        return [] if camera_check is None else await _camera(camera_check, devices.camera)
 
     async def gimbal() -> list[Finding]:
         await asyncio.sleep(1.5)  # until a heartbeat shows whether the vehicle is armed
@@ -213,6 +215,7 @@ async def check(
         _or_failure("camera", camera()),
         _or_failure("gimbal", gimbal()),
     )
+    shown = [] if camera_check is None else await _or_failure("pad", camera_check.pad())
     cut = [Finding("ok", "gimbal limits", remark) for remark in loaded.remarks]
     return [
         *pad_findings(layout),
@@ -222,6 +225,7 @@ async def check(
         *calibration,
         *(view_findings(config, layout, model) if model is not None else ()),
         *(finding for part in parts for finding in part),
+        *shown,
         *first_flight(config, state),
         *cut,
         *last_flight_findings(config, state / FILE),
@@ -258,18 +262,20 @@ def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
     return camera, [Finding("warn", "calibration", remark, mend)] if remark else []
 
 
-async def _camera(loaded: Loaded, camera: Camera, model: CameraModel) -> list[Finding]:
-    """Return the findings on the camera; if it fails, also the cameras that are connected."""
-    options = camera_options(loaded)
-    layout = load_pad(loaded.config.pad.layout)
-    vision = Vision(layout, model, loaded.config.vision)
+def _camera_check(loaded: Loaded, layout: PadLayout, model: CameraModel) -> CameraCheck:
+    """Return the check of a camera with this calibration at the size of its pictures."""
+    options, config = camera_options(loaded), loaded.config
     fps = options.fps if options is not None else None
-    config = loaded.config
     # Greatest age of a picture with which the core still counts the pad as seen: it must not become
     # too old before the next control step.
     oldest_s = config.guidance.lost.after_s - config.estimation.clock_sigma_s
     oldest_s -= 1.0 / config.control.rate_hz
-    found = await check_camera(camera, vision, model, fps, oldest_s)
+    return CameraCheck(Vision(layout, model, config.vision), model, fps, oldest_s)
+
+
+async def _camera(camera_check: CameraCheck, camera: Camera) -> list[Finding]:
+    """Return the findings on the camera; if it fails, also the cameras that are connected."""
+    found = await camera_check.run(camera)
     if any(f.item == "camera" and f.level == "fail" for f in found):
         found += [
             Finding("ok", "camera", f"connected: {path}, {name}: {v4l2.in_words(modes)}")

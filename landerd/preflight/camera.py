@@ -17,56 +17,104 @@ _OLDEST_PICTURE_S = 0.2
 _DARK, _BRIGHT = 12.0, 243.0  # mean grey levels below and above which a picture shows nothing
 
 
-async def check_camera(
-    camera: Camera, vision: Vision, model: CameraModel, fps: float | None, oldest_s: float
-) -> list[Finding]:
-    """Return the findings on a camera.
+class CameraCheck:
+    """Measures one camera, then looks for the pad in its last picture."""
 
-    Args:
-        camera: the driver, not open; it is opened and closed again.
-        vision: used if the pad is in sight.
-        model: the calibration at the size of the pictures.
-        fps: configured picture rate, 1/s; None: not known.
-        oldest_s: greatest age of pictures that are flown by, s (guidance.lost.after_s).
-    """
-    try:
-        await camera.open()
-        first = await camera.newest()  # the start of a stream is slow and not measured
-        got = [(asyncio.get_running_loop().time(), first), *await gather(camera.newest, CAMERA_S)]
-    except NotInstalled as e:
-        what = f"{e.what}: without pictures the pad is never seen"
-        return [Finding("fail", "camera", what, f"{e.mend} (docs/cameras.md)")]
-    except DeviceLost as e:
-        return [
-            Finding(
-                "fail",
-                "camera",
-                f"{e}: without pictures the pad is never seen",
-                "plug it in, close other programs that use it, check camera.*.device and format",
-            )
+    def __init__(
+        self, vision: Vision, model: CameraModel, fps: float | None, oldest_s: float
+    ) -> None:
+        """Prepare to measure.
+
+        Args:
+            vision: used if the pad is in sight.
+            model: the calibration at the size of the pictures.
+            fps: configured picture rate, 1/s; None: not known.
+            oldest_s: greatest age of pictures that are flown by, s (guidance.lost.after_s).
+        """
+        self._vision, self._model, self._fps, self._oldest_s = vision, model, fps, oldest_s
+        self._shown: Frame | None = None  # the last picture, if nothing is wrong with the camera
+
+    async def run(self, camera: Camera) -> list[Finding]:
+        """Open a camera, take pictures, and close it; return the findings on it."""
+        try:
+            await camera.open()
+            first = await camera.newest()  # the start of a stream is slow and not measured
+            got = [
+                (asyncio.get_running_loop().time(), first),
+                *await gather(camera.newest, CAMERA_S),
+            ]
+        except NotInstalled as e:
+            what = f"{e.what}: without pictures the pad is never seen"
+            return [Finding("fail", "camera", what, f"{e.mend} (docs/cameras.md)")]
+        except DeviceLost as e:
+            return [
+                Finding(
+                    "fail",
+                    "camera",
+                    f"{e}: without pictures the pad is never seen",
+                    "plug it in, close other programs that use it, check camera.*.device and "
+                    "format",
+                )
+            ]
+        finally:
+            await camera.close()
+        findings = [
+            Finding("warn", "camera", remark, "see docs/cameras.md")
+            for remark in getattr(camera, "remarks", ())
         ]
-    finally:
-        await camera.close()
-    findings = [
-        Finding("warn", "camera", remark, "see docs/cameras.md")
-        for remark in getattr(camera, "remarks", ())
-    ]
-    looked_at = (
-        _size(got, model),
-        _rate(got, fps),
-        _age(got),
-        _in_time(got, oldest_s),
-        _light(got),
-    )
-    found = [f for f in looked_at if f]
-    height, width = got[-1][1].image.shape
-    if not any(f.level == "fail" for f in found):
-        rate = (len(got) - 1) / max(got[-1][0] - got[0][0], 1e-9)
-        age_ms = 1e3 * statistics.median(t - frame.t for t, frame in got)
-        text = f"{width}x{height}, {rate:.0f} pictures a second, {age_ms:.0f} ms old on arrival"
-        found.insert(0, Finding("ok", "camera", text))
-        found += _pad(got[-1][1], vision)
-    return found + findings
+        looked_at = (
+            _size(got, self._model),
+            _rate(got, self._fps),
+            _age(got),
+            _in_time(got, self._oldest_s),
+            _light(got),
+        )
+        found = [f for f in looked_at if f]
+        height, width = got[-1][1].image.shape
+        if not any(f.level == "fail" for f in found):
+            rate = (len(got) - 1) / max(got[-1][0] - got[0][0], 1e-9)
+            age_ms = 1e3 * statistics.median(t - frame.t for t, frame in got)
+            text = f"{width}x{height}, {rate:.0f} pictures a second, {age_ms:.0f} ms old on arrival"
+            found.insert(0, Finding("ok", "camera", text))
+            self._shown = got[-1][1]
+        return found + findings
+
+    async def pad(self) -> list[Finding]:
+        """Return findings on the last picture: other markers than the pad's, or contradictions.
+
+        After all else has been measured, as this takes a second and nothing else runs meanwhile.
+        """
+        if self._shown is None:
+            return []
+        vision, image = self._vision, self._shown.image
+        try:
+            sightings = vision.search_still(self._shown)
+        except ValueError:
+            return []  # another size or type, on which there is another finding
+        seen = vision.other_markers(image, sightings)
+        if vision.rings_without_plate(image, sightings):
+            seen = ["a ring like the pad's, but not the pad's plate about it", *seen]
+        findings = [
+            Finding(
+                "warn",
+                "pad",
+                f"in sight is {other}",
+                "if that is on the pad, mend its file (docs/markers.md)",
+            )
+            for other in seen
+        ]
+        wrong = vision.disagreement()
+        if wrong is None:
+            return findings
+        return [
+            *findings,
+            Finding(
+                "warn",
+                "pad",
+                f"its markers contradict each other: {wrong.text}",
+                "measure the pad and mend its file, or print it anew (docs/markers.md)",
+            ),
+        ]
 
 
 _Frames = list[tuple[float, Frame]]
@@ -125,38 +173,6 @@ def _in_time(got: _Frames, oldest_s: float) -> Finding | None:
         f"{max(oldest_s, 0.0):.2f} s: the pad would always be out of sight",
         "set guidance.lost.after_s to 0.5 and estimation.clock_sigma_s to 0.02, as delivered",
     )
-
-
-def _pad(frame: Frame, vision: Vision) -> list[Finding]:
-    """Return findings on what is in sight: other markers than the pad's, or contradictions."""
-    try:
-        sightings = vision.search_still(frame)
-    except ValueError:
-        return []  # another size or type, on which there is another finding
-    seen = vision.other_markers(frame.image, sightings)
-    if vision.rings_without_plate(frame.image, sightings):
-        seen = ["a ring like the pad's, but not the pad's plate about it", *seen]
-    findings = [
-        Finding(
-            "warn",
-            "pad",
-            f"in sight is {other}",
-            "if that is on the pad, mend its file (docs/markers.md)",
-        )
-        for other in seen
-    ]
-    wrong = vision.disagreement()
-    if wrong is None:
-        return findings
-    return [
-        *findings,
-        Finding(
-            "warn",
-            "pad",
-            f"its markers contradict each other: {wrong.text}",
-            "measure the pad and mend its file, or print it anew (docs/markers.md)",
-        ),
-    ]
 
 
 def _light(got: _Frames) -> Finding | None:
