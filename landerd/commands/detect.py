@@ -53,6 +53,7 @@ class Seen:
     """What a picture shows."""
 
     sightings: Sightings
+    ms: float  # time of the search for the pad
     disagreement: Disagreement | None  # error by which markers contradict each other
     # The markers are rings like the pad's, not taken for them as its plate is not seen about them.
     lacks_plate: bool = False
@@ -165,14 +166,12 @@ def _detect(
                     continue
                 raise error from None
             vision = _new_vision(layout, fitting)
-        start = time.perf_counter()
         frame = Frame(picture.t, seq, picture.image)
         seen = _look(vision, frame, is_still=picture.is_still)
-        ms = 1e3 * (time.perf_counter() - start)
         if args.json:
-            print(json.dumps(as_json(picture.name, seen, ms)), flush=True)
+            print(json.dumps(as_json(picture.name, seen)), flush=True)
         else:
-            print(_in_words(picture.name, seen, ms), flush=True)
+            print(_in_words(picture.name, seen), flush=True)
         if args.draw is not None:
             _, png = cv2.imencode(".png", draw(picture.image, seen.sightings, fitting, layout))
             write_bytes(_unused(args.draw, picture.name, drawn), png.tobytes())
@@ -180,14 +179,16 @@ def _detect(
 
 def _look(vision: Vision, frame: Frame, *, is_still: bool) -> Seen:
     """Return what a picture shows; a still is searched to the end."""
+    start = time.perf_counter()
+    sightings = vision.search_still(frame) if is_still else vision.process(frame)
+    ms, wrong = 1e3 * (time.perf_counter() - start), vision.disagreement()
     if not is_still:
-        return Seen(vision.process(frame), vision.disagreement())
-    sightings = vision.search_still(frame)
+        return Seen(sightings, ms, wrong)
     bare = vision.rings_without_plate(frame.image, sightings)
     more = vision.other_squares(frame.image, sightings)
     sightings = replace(sightings, markers=(*sightings.markers, *more, *bare))
     others = vision.other_markers(frame.image, sightings)
-    return Seen(sightings, vision.disagreement(), lacks_plate=bool(bare), others=tuple(others))
+    return Seen(sightings, ms, wrong, lacks_plate=bool(bare), others=tuple(others))
 
 
 def _unused(folder: Path, name: str, used: set[Path]) -> Path:
@@ -318,13 +319,12 @@ def _frames(source: str) -> Iterator[Picture]:
 # ---- what was seen -----------------------------------------------------------------------------
 
 
-def as_json(name: str, seen: Seen, ms: float) -> dict[str, Any]:
+def as_json(name: str, seen: Seen) -> dict[str, Any]:
     """Return the object that `--json` prints for one picture.
 
     Args:
         name: of the picture.
         seen: in the picture.
-        ms: time of the search, ms.
     """
     sightings, wrong = seen.sightings, seen.disagreement
     return {
@@ -336,7 +336,7 @@ def as_json(name: str, seen: Seen, ms: float) -> dict[str, Any]:
         "may_be_another": sightings.may_be_another,
         "disagreement": None if wrong is None else _disagreement(wrong),
         "other_markers": list(seen.others),
-        "ms": round(ms, 3),
+        "ms": round(seen.ms, 3),
     }
 
 
@@ -390,7 +390,7 @@ def yaw_deg(normal: Vec3, north: Vec3) -> float:
     return math.degrees(math.atan2(dot(normal, cross(up, north)), dot(up, north)))
 
 
-def _in_words(name: str, seen: Seen, ms: float) -> str:
+def _in_words(name: str, seen: Seen) -> str:
     """Return the line that is printed for one picture; arguments as those of `as_json`."""
     sightings = seen.sightings
     parts = []
@@ -409,7 +409,7 @@ def _in_words(name: str, seen: Seen, ms: float) -> str:
         parts.append(f"markers disagree: {seen.disagreement.text}")
     if seen.others:
         parts.append(f"not the pad's: {', '.join(seen.others)}")
-    return f"{name}: {'; '.join(parts) or 'nothing found'} ({ms:.1f} ms)"
+    return f"{name}: {'; '.join(parts) or 'nothing found'} ({seen.ms:.1f} ms)"
 
 
 def _place(pose: PoseSolution) -> str:
