@@ -184,7 +184,7 @@ def _look(vision: Vision, frame: Frame, *, is_still: bool) -> Seen:
     ms, wrong = 1e3 * (time.perf_counter() - start), vision.disagreement()
     if not is_still:
         return Seen(sightings, ms, wrong)
-    bare = vision.rings_without_plate(frame.image, sightings)
+    bare = vision.rings_without_plate(frame, sightings)
     more = vision.other_squares(frame.image, sightings)
     sightings = replace(sightings, markers=(*sightings.markers, *more, *bare))
     others = vision.other_markers(frame.image, sightings)

@@ -92,8 +92,10 @@ class CameraCheck:
         except ValueError:
             return []  # another size or type, on which there is another finding
         seen = vision.other_markers(image, sightings)
-        if vision.rings_without_plate(image, sightings):
+        if vision.rings_without_plate(self._shown, sightings):
             seen = ["a ring like the pad's, but not the pad's plate about it", *seen]
+        if sightings.other_id is not None:
+            seen = [f"another pad's ring, with tag {sightings.other_id} beside it"]
         findings = [
             Finding(
                 "warn",

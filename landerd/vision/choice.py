@@ -156,13 +156,25 @@ def _agree(poses: list[PoseSolution], markers: int, most: float = _MAX_CHI2_PER_
     return bool(poses) and poses[0].cost < most * (markers - 1)
 
 
+def distinct(candidates: list[Candidate]) -> list[Candidate]:
+    """Return the candidates without those that repeat a marker or an outline of one before.
+
+    Of two rings of one size each may have been found in the place of the other.
+    """
+    kept: list[Candidate] = []
+    for one in candidates:
+        if not any(_are_alike(one, other) for other in kept):
+            kept.append(one)
+    return kept
+
+
 def _no_two_alike(candidates: list[Candidate]) -> bool:
     """Tell whether no marker and no outline occurs twice."""
-    for i, a in enumerate(candidates):
-        for b in candidates[:i]:
-            if a.marker == b.marker or _same_outline(a.sighting, b.sighting):
-                return False
-    return True
+    return len(distinct(candidates)) == len(candidates)
+
+
+def _are_alike(a: Candidate, b: Candidate) -> bool:
+    return a.marker == b.marker or _same_outline(a.sighting, b.sighting)
 
 
 def _same_outline(a: MarkerSighting, b: MarkerSighting) -> bool:

@@ -74,7 +74,7 @@ def disagreement(
         return None
     most = max(f[0] for f in found)
     _, _, number, what, own = max((f for f in found if f[0] > most - _ALIKE), key=lambda f: f[1])
-    return _told(layout.markers[number], what, own)
+    return _told(layout, layout.markers[number], what, own)
 
 
 def _best(measured: list[Measurement], covariance: F64) -> Joint | None:
@@ -83,8 +83,13 @@ def _best(measured: list[Measurement], covariance: F64) -> Joint | None:
     return min(found, key=lambda j: j.pose.cost, default=None)
 
 
-def _told(marker: Marker, what: str, errors: F64) -> Disagreement:
-    name = marker.kind if isinstance(marker, Ring) else f"{marker.kind} {marker.id}"
+def _told(layout: PadLayout, marker: Marker, what: str, errors: F64) -> Disagreement:
+    if not isinstance(marker, Ring):
+        name = f"{marker.kind} {marker.id}"
+    elif len(layout.rings) == 1:
+        name = marker.kind
+    else:
+        name = f"{marker.kind} of {marker.outer_diameter_m:g} m at {list(marker.position_m)}"
     if what == "size":
         by = float(errors[SCALE])
         word = "larger" if by > 0.0 else "smaller"

@@ -33,7 +33,7 @@ from landerd.messages import (
 )
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
 from landerd.vision.arrays import Image
-from landerd.vision.choice import Candidate, choose
+from landerd.vision.choice import Candidate, choose, distinct
 from landerd.vision.detectors import Detectors, PixelDetectors, keep_freed_memory
 from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import Expected, SeenPad, expected_pad
@@ -184,14 +184,14 @@ class Vision:
             candidates = [self._turned_by_plate(image, c, known) for c in candidates]
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
-        own = [c.sighting for c in chosen]
+        own = {(c.marker, c.sighting) for c in chosen}
         # `chosen` may have information reduced for a bent picture; `candidates` still have it as
         # each was measured. Those of the pad come first.
-        candidates.sort(key=lambda c: c.sighting not in own)
-        self._found = _once(_placed(candidates)) if poses else []
+        candidates.sort(key=lambda c: (c.marker, c.sighting) not in own)
         others = [c for c in candidates[len(own) :] if c.sighting.id is not None]
         markers = tuple(self._in_whole(c.sighting) for c in chosen + others)
         pad = tuple(s for s in poses if self._is_certain(s))
+        self._found = _placed(distinct(candidates)) if pad else []
         if pad:
             self._last = SeenPad(frame.t, pad[0])
             self._shutter.saw(frame.t, np.array(pad[0].position))
@@ -255,20 +255,19 @@ class Vision:
             found += [m for m in seen if not any(_is_same(m, other) for other in found)]
         return found[len(sightings.markers) :]
 
-    def rings_without_plate(self, image: Image, sightings: Sightings) -> list[MarkerSighting]:
+    def rings_without_plate(self, frame: Frame, sightings: Sightings) -> list[MarkerSighting]:
         """Return rings that are not taken for the pad's, as its plate is not seen about them.
 
         None if a marker of the pad was found.
 
         Args:
-            image: grey image (height, width) of the camera's size.
-            sightings: in that image, searched as a still.
+            frame: of the camera's size.
+            sightings: in that frame, searched as a still.
         """
         if sightings.markers or sightings.other_id is not None:
             return []
-        x0, y0, x1, y1 = self._part
-        found = rings_without_plate(spread(image[y0:y1, x0:x1]), self._layout, self._camera)
-        return [self._in_whole(sighting) for sighting in found]
+        found = rings_without_plate(self._searched(frame.image), self._layout, self._camera)
+        return [self._in_whole(self._ring(frame.t, ring, s).sighting) for ring, s in found]
 
     def other_markers(self, image: Image, sightings: Sightings) -> list[str]:
         """Return in words which markers an image shows that differ from the pad file's.
@@ -278,10 +277,18 @@ class Vision:
             sightings: in that image.
         """
         if sightings.other_id is not None:
-            return []  # told already
+            return []  # that tells it
+        x0, y0, *_ = self._part
+        seen = [
+            replace(m, outline_px=tuple((x - x0, y - y0) for x, y in m.outline_px))
+            for m in sightings.markers
+        ]
+        return other_markers(self._searched(image), self._layout, self._camera, seen)
+
+    def _searched(self, image: Image) -> Image:
+        """Return the part of an image that is searched, its grey levels spread."""
         x0, y0, x1, y1 = self._part
-        seen = {m.kind for m in sightings.markers}
-        return other_markers(spread(image[y0:y1, x0:x1]), self._layout, self._camera, seen)
+        return spread(_checked(image, self._whole)[y0:y1, x0:x1])
 
     def disagreement(self) -> Disagreement | None:
         """Return how the markers of the last frame contradict each other; None: they do not."""
@@ -507,14 +514,6 @@ def _placed(candidates: list[Candidate]) -> list[Measurement]:
     position is the ring's.
     """
     return [c.measurement for c in candidates if c.sighting.stage != BESIDE]
-
-
-def _once(measured: list[Measurement]) -> list[Measurement]:
-    """Return the first measurement of each marker; the caller has put those of the pad first."""
-    first: dict[int, Measurement] = {}
-    for m in measured:
-        first.setdefault(m.marker, m)
-    return list(first.values())
 
 
 def _checked(image: Image, camera: CameraModel) -> Image:

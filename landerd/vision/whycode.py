@@ -15,7 +15,7 @@ The marker is that of Krajnik et al. (see `pad.WhyCode`). Its search is not unde
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import EDGES, GREY
-from landerd.pad import PadLayout, WhyCode, rotated
+from landerd.pad import PadLayout, WhyCode, rotated, whycode_ids
 from landerd.vision.arrays import Image
 from landerd.vision.expected import Expected
 from landerd.vision.patch import levels_at
@@ -42,6 +42,7 @@ from landerd.vision.ring_pose import mirrored, poses_through
 from landerd.vision.ring_segment import (
     LARGE_STROKE_PX,
     STROKE_PX,
+    Candidate,
     Look,
     dark_between,
     dark_by_mean,
@@ -174,26 +175,14 @@ class WhyCodeFinder:
         """
         later: list[tuple[float, float, F64]] = []
         unclear: list[_Start] = []
-        parts = list(levels(image, self._camera, None, None))
-        coarse, fine = parts[:-1] or parts, parts[-1:]
-        # The largest image takes most of the time.
-        for some, segment in ((coarse, None), (coarse, _WIDE), (fine, None)):
-            looks = []
-            for level in some:
-                way = segment or (_LARGE if math.isinf(level.largest_px) else _OTHERS)
-                looks.append(Look(level.image, way(level.image), level.largest_px))
-            of_looks = ring_candidates(looks, _PLAIN_RATIO)
-            for level, candidates in zip(some, of_looks, strict=True):
-                clear = []
-                for c in candidates:
-                    outline = (c.outline.points() + 0.5) * level.reduction - 0.5
-                    if c.share >= _CLEAR_SHARE:
-                        clear.append(outline)
-                    else:
-                        later.append((-c.share, -c.score, outline))
-                found = self._among(image, clear, last_normal, unclear)
-                if found:
-                    return found
+        for of_level in _outlines(image, self._camera):
+            clear = [outline for c, outline in of_level if c.share >= _CLEAR_SHARE]
+            later += [
+                (-c.share, -c.score, outline) for c, outline in of_level if c.share < _CLEAR_SHARE
+            ]
+            found = self._among(image, clear, last_normal, unclear)
+            if found:
+                return found
         later.sort(key=lambda one: one[:2])
         rest = [outline for *_, outline in later[:_MAX_LATER]]
         found = self._among(image, rest, last_normal, unclear)
@@ -208,7 +197,7 @@ class WhyCodeFinder:
         """
         found: dict[WhyCode, FoundCode] = {}
         for outline in outlines:
-            rings = self._rings(outline)
+            rings = _rings(outline, self._camera)
             start = self._read(image, rings)
             if start is None:
                 unclear += self._likest(image, rings)
@@ -235,14 +224,6 @@ class WhyCodeFinder:
             if found is not None:
                 return [found]
         return []
-
-    def _rings(self, outline: F64) -> list[Pose]:
-        """Return the poses of a ring of radius 1 with an outline (16, 2), px; their north is up."""
-        rings = []
-        for position, normal in poses_through(self._camera.rays(outline), 1.0) or ():
-            R = rotation_from(normal, np.array([0.0, -1.0, 0.0]))
-            rings.append(Pose(R, position, np.zeros((6, 6)), 0.0))
-        return rings
 
     def _read(self, image: Image, rings: list[Pose]) -> _Start | None:
         """Return the clearest reading under poses of a ring; None: it is no code of the pad."""
@@ -359,6 +340,60 @@ class WhyCodeFinder:
     def _size_px(self, code: WhyCode, pose: Pose) -> float:
         """Return a code's diameter in the image."""
         return self._camera.focal * code.outer_diameter_m / max(float(pose.t[2]), MIN_DEPTH_M)
+
+
+def _outlines(image: Image, camera: CameraModel) -> Iterator[list[tuple[Candidate, F64]]]:
+    """Yield what may be rings in ever larger levels of an image: their outlines (16, 2), px."""
+    parts = list(levels(image, camera, None, None))
+    coarse, fine = parts[:-1] or parts, parts[-1:]
+    # The largest image takes most of the time.
+    for some, segment in ((coarse, None), (coarse, _WIDE), (fine, None)):
+        looks = []
+        for level in some:
+            way = segment or (_LARGE if math.isinf(level.largest_px) else _OTHERS)
+            looks.append(Look(level.image, way(level.image), level.largest_px))
+        for level, candidates in zip(some, ring_candidates(looks, _PLAIN_RATIO), strict=True):
+            yield [(c, (c.outline.points() + 0.5) * level.reduction - 0.5) for c in candidates]
+
+
+def _rings(outline: F64, camera: CameraModel) -> list[Pose]:
+    """Return the poses of a ring of radius 1 with an outline (16, 2), px; their north is up."""
+    rings = []
+    for position, normal in poses_through(camera.rays(outline), 1.0) or ():
+        R = rotation_from(normal, np.array([0.0, -1.0, 0.0]))
+        rings.append(Pose(R, position, np.zeros((6, 6)), 0.0))
+    return rings
+
+
+def codes_read(image: Image, camera: CameraModel, bits: Collection[int]) -> dict[WhyCode, F64]:
+    """Return the codes of any number that are clear to read in an image, and their outlines, px.
+
+    They are read only, not fitted; their diameter is given as 1 m.
+
+    Args:
+        image: grey image (height, width).
+        camera: the lens.
+        bits: numbers of cells that a band may have.
+    """
+    found: dict[WhyCode, F64] = {}
+    for of_level in _outlines(image, camera):
+        for candidate, outline in of_level:
+            if candidate.share < _CLEAR_SHARE:
+                continue
+            readings = [
+                (reading.decision_margin, reading.word, n)
+                for pose in _rings(outline, camera)
+                for n in bits
+                if (reading := read(image, camera, pose, 1.0, n)) is not None
+            ]
+            if not readings:
+                continue
+            _, word, n = max(readings)
+            number = min(rotated(word, n, by) for by in range(n))
+            if number in whycode_ids(n):
+                code = WhyCode(kind="whycode", outer_diameter_m=1.0, bits=n, id=number)
+                found.setdefault(code, outline)
+    return found
 
 
 def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int) -> Reading | None:

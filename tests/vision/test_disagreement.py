@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
+import pytest
 
 from landerd.config.models import VisionSection
 from landerd.messages import Frame, Sightings
-from landerd.pad import PadLayout, Square
+from landerd.pad import PadLayout, Ring, Square
 from landerd.vision import Vision
 from landerd.vision.disagreement import Disagreement
 from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, View, look, render
@@ -80,3 +81,27 @@ def test_an_error_of_the_tag_found_by_the_ring_is_remembered_without_the_ring() 
     unaware = shown(fresh, pad, tag_only, 1)
     assert math.dist(unaware.pad[0].position, tag_only.position) > 0.008
     assert math.dist(seen.pad[0].position, tag_only.position) < 0.006
+
+
+TWO_ALIKE = tuple(
+    Ring(kind="whycon", outer_diameter_m=0.4, position_m=place)
+    for place in ((0.3, 0.0), (-0.3, 0.0))
+)
+THREE = (
+    Ring(kind="whycon", outer_diameter_m=0.45),
+    Ring(kind="whycon", outer_diameter_m=0.2, position_m=(0.4, 0.0)),
+    Ring(kind="whycon", outer_diameter_m=0.2, position_m=(-0.4, 0.2)),
+)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.5, 4.5])
+@pytest.mark.parametrize(("rings", "distance"), [(TWO_ALIKE, 1.0), (TWO_ALIKE, 2.0), (THREE, 1.0)])
+def test_two_rings_of_one_size_are_not_taken_for_each_other(
+    rings: tuple[Ring, ...], distance: float, heading: float
+) -> None:
+    """Each was found in the other's place, too: that ended in a division by zero."""
+    pad = THESIS_PAD.model_copy(update={"markers": rings})
+    view = look(CAMERA, distance, 0.3, pixel=(320.0, 240.0), heading=heading)
+    vision = Vision(pad, CAMERA, VisionSection())
+    assert shown(vision, pad, view).pad
+    assert vision.disagreement() is None

@@ -1,14 +1,17 @@
 """What lies there instead of the pad of the pad file is told in words."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from landerd.config.models import VisionSection
 from landerd.messages import Frame
-from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
+from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode, load_pad
 from landerd.vision import Vision
 from tests.vision.scenes import THESIS_CAMERA, THESIS_PAD, U8, Optics, alone, look, render
 
+PADS = Path(__file__).parents[2] / "config" / "pads"
 RING = Ring(kind="whycon", outer_diameter_m=1.0)
 TAG = Square(kind="aruco", dictionary="4X4_100", id=3, size_m=0.4)
 CODE = WhyCode(kind="whycode", outer_diameter_m=0.6, bits=6, id=5)
@@ -64,12 +67,33 @@ def test_a_ring_of_another_ratio_is_told_even_if_the_tag_shows_the_pad() -> None
         (
             CODE.model_copy(update={"id": 11}),
             CODE,
-            "WhyCode 11 of 6 bits (the pad file has 5)",
+            "WhyCode 11 of 6 bits (the pad file has 5 of 6 bits)",
         ),
     ],
 )
 def test_another_number_is_told(there: Marker, told: Marker, text: str) -> None:
     assert said(alone(there), alone(told), 2.0) == [text]
+
+
+def test_one_tag_of_another_number_among_the_pads_own_is_told() -> None:
+    pad = load_pad(PADS / "bundle.yaml")
+    *others, last = pad.squares
+    told = pad.model_copy(update={"markers": (*others, last.model_copy(update={"id": 24}))})
+    (text,) = said(pad, told, 2.5)
+    assert text.startswith("tag 14 of APRILTAG_36h11 (the pad file has 10, 11, 12, 13, 24 of ")
+
+
+def test_a_whycode_is_not_told_as_a_ring_of_another_ratio() -> None:
+    assert said(alone(CODE), alone(RING), 2.0) == ["WhyCode 5 of 6 bits (the pad file has none)"]
+    both = alone(CODE).model_copy(update={"markers": (CODE, RING)})
+    assert said(alone(CODE), both, 2.0) == []
+
+
+def test_a_pad_of_a_long_whycode_takes_no_longer_to_tell() -> None:
+    """It has 335 numbers; to draw a print of each took twelve seconds."""
+    long = WhyCode(kind="whycode", outer_diameter_m=0.6, bits=12, id=5)
+    (text,) = said(alone(long.model_copy(update={"id": 11})), alone(long), 1.2)
+    assert text == "WhyCode 11 of 12 bits (the pad file has 5 of 12 bits)"
 
 
 @pytest.mark.parametrize("marker", [RING, TAG, CODE])
