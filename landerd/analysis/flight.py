@@ -58,6 +58,11 @@ class Flight:
     budgets: list["AgeBudget"] = field(default_factory=list)
 
     @property
+    def title(self) -> str:
+        """The log's name, with a remark if it is a dry run's."""
+        return self.log.path.name + (" (dry run)" if self.log.is_dry else "")
+
+    @property
     def end(self) -> float:
         """Length of the log, s."""
         return self.log.steps[-1].now - self.zero
@@ -200,7 +205,9 @@ def sentences(flight: Flight) -> list[str]:
 
 
 def _when(log: FlightLog) -> str:
-    """Return the date of a log in words."""
+    """Return the date of a log in words, and whether it was flown."""
+    if log.is_dry:
+        return "A dry run on a recorded flight: landerd's orders were not flown"
     if log.wall_offset_s == 0.0:
         return "Simulated time, without a date"
     began = datetime.fromtimestamp(log.steps[0].now + log.wall_offset_s, UTC)

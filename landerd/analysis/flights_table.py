@@ -11,11 +11,15 @@ from landerd.analysis.page import Block, Heading, Table, Text
 
 
 def section(flights: Sequence[Flight]) -> list[Block]:
-    """Return the table of all flights, with their landing rate and means above it."""
+    """Return the table of all flights, with their landing rate and means above it.
+
+    A dry run is no landing: it has a row, and does not count.
+    """
     rows = [_row(flight) for flight in flights]
-    landed = [flight for flight in flights if _landed(flight)]
-    share = in_percent(wilson(len(landed), len(flights)))
-    parts = [f"{len(landed)} of {len(flights)} landed (95 %: {share})"]
+    flown = [flight for flight in flights if not flight.log.is_dry]
+    landed = [flight for flight in flown if _landed(flight)]
+    share = in_percent(wilson(len(landed), len(flown)))
+    parts = [f"{len(landed)} of {len(flown)} landed (95 %: {share})"]
     for name, unit, values in (
         ("time", "s", [_time_s(f) for f in landed]),
         ("energy", "hJ", [None if f.energy_j is None else f.energy_j / 100.0 for f in landed]),
@@ -48,7 +52,7 @@ def _row(flight: Flight) -> list[str]:
     at_end = None if flight.disarmed_t is None else flight.state_at(flight.disarmed_t)
     off = None if at_end is None or at_end.relative is None else at_end.relative.distance
     return [
-        flight.log.path.name,
+        flight.title,
         "-" if last is None or last.outcome is None else last.outcome.replace("_", " "),
         "-" if time_s is None else f"{time_s:.1f}",
         "-" if energy_j is None else f"{energy_j / 100.0:.1f}",

@@ -48,14 +48,14 @@ def report(flights: list[Flight]) -> str:
     parts = [html_of(block) for block in blocks]
     parts += [_section(flight) for flight in flights]
     parts += [html_of(block) for block in sighting_errors.section(flights)]
-    names = ", ".join(flight.log.path.name for flight in flights)
+    names = ", ".join(flight.title for flight in flights)
     return page(f"landerd: {names}", "\n".join(parts))
 
 
 def _section(flight: Flight) -> str:
     """Return the HTML of one flight."""
     log = flight.log
-    out = [f"<h1>{html.escape(log.path.name)}</h1>"]
+    out = [f"<h1>{html.escape(flight.title)}</h1>"]
     out += [f'<p class="note">{html.escape(note)}</p>' for note in _notes(flight)]
     out += ["<h2>What happened</h2>", "<ol>"]
     out += [f"<li>{html.escape(text)}</li>" for text in sentences(flight)]

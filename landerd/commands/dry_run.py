@@ -358,7 +358,8 @@ def _recorder(
     if path is None:
         return None
     path.unlink(missing_ok=True)
-    return Recorder(Head(config, layout, camera), config.log, path, background=False)
+    head = Head(config, layout, camera, is_dry=True)
+    return Recorder(head, config.log, path, background=False)
 
 
 def _report(telemetry: Telemetry, flight: _Flight, result: DryRunResult) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from landerd.calibration.vehicle import REFERENCE, Fit, ResponseError, fit, stretches
 from landerd.campaigns.search import SearchError, minimised
 from landerd.campaigns.tuning import DIGITS, overlay, settings_of
-from landerd.commands.shared import print_json, refusing, tell, write_text
+from landerd.commands.shared import InputError, print_json, refusing, tell, write_text
 from landerd.flightlog.reader import LogError, read_log
 
 # Residual of the velocity (RMS) above which the fit is not to be trusted: wind and the log's noise
@@ -27,6 +27,10 @@ def tune_from(args: argparse.Namespace) -> int:
     with refusing(LogError, ResponseError, SearchError):
         for path in args.flights:
             log = read_log(path)
+            if log.is_dry:
+                raise InputError(
+                    f"{path}: of a dry run, whose orders were not flown; expected a flight's log"
+                )
             for note in log.notes:
                 tell(note)
             flights += stretches(log)

@@ -32,7 +32,8 @@ COMMANDS: dict[str, type] = {kind.__name__: kind for kind in typing.get_args(Com
 
 # Attachments that a replay needs.
 CONFIG_JSON, PAD_JSON, CAMERA_JSON = "config.json", "pad.json", "camera.json"
-VERSIONS = "versions"  # metadata
+VERSIONS = "versions"  # metadata; its keys besides those of software:
+WALL_OFFSET, DRY = "wall_offset_s", "dry_run"
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class Head:
     layout: PadLayout
     camera: CameraModel
     wall_offset_s: float = 0.0  # Unix time minus the event loop's, s; 0: simulated time
+    is_dry: bool = False  # a dry run's: the vehicle moves as it was recorded, not as ordered
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,6 +67,7 @@ class FlightLog:
     camera: CameraModel
     versions: dict[str, str]
     wall_offset_s: float
+    is_dry: bool  # its orders were not flown
     steps: list[Step] = field(default_factory=list)
     replayable: int = 0  # number of steps from the first on without a gap
     searched: list[Searched] = field(default_factory=list)
@@ -220,11 +221,12 @@ def _with_head(path: Path, head: dict[str, bytes], versions: dict[str, str]) -> 
         config = json.loads(head[contents.CONFIG_JSON])
         layout = PadLayout.model_validate_json(head[contents.PAD_JSON])
         camera = codec.decode(CameraModel, head[contents.CAMERA_JSON])
-        offset = float(versions.get("wall_offset_s", "0.0"))
+        offset = float(versions.get(contents.WALL_OFFSET, "0.0"))
     except (ValueError, ValidationError) as e:
         reason = str(e).splitlines()[0]
         raise LogError(f"{path}: configuration, pad or camera is damaged: {reason}") from None
-    return FlightLog(path, config, layout, camera, versions, offset)
+    is_dry = contents.DRY in versions
+    return FlightLog(path, config, layout, camera, versions, offset, is_dry)
 
 
 def _take(log: FlightLog, topic: str, record: Message) -> None:

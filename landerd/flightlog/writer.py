@@ -26,7 +26,7 @@ class LogWriter(TopicWriter):
         self._mcap = Writer(file, chunk_size=1 << 30, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
         self._channels: dict[str, int] = {}
         self._mcap.start(profile="", library=f"landerd {__version__}")
-        self._mcap.add_metadata(contents.VERSIONS, versions() | _clock(head))
+        self._mcap.add_metadata(contents.VERSIONS, versions() | _more(head))
         for name, data in (
             (contents.CONFIG_JSON, config_json(head.config)),
             (contents.PAD_JSON, head.layout.model_dump_json().encode()),
@@ -78,5 +78,7 @@ def _named(value: Any) -> Any:
     return value.name if isinstance(value, Path) else value
 
 
-def _clock(head: Head) -> dict[str, str]:
-    return {"wall_offset_s": repr(head.wall_offset_s)}
+def _more(head: Head) -> dict[str, str]:
+    """Return the metadata besides versions of software; only a dry run says what it is."""
+    clock = {contents.WALL_OFFSET: repr(head.wall_offset_s)}
+    return clock | {contents.DRY: "yes"} if head.is_dry else clock

@@ -90,6 +90,28 @@ def test_without_a_video_a_drawn_pad_is_landed_on(
     capture.release()
 
 
+def test_its_log_says_that_no_order_was_flown(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, gains, page = (tmp_path / name for name in ("dry.mcap", "gains.yaml", "page.html"))
+    dry_run(capsys, "--telemetry", str(recording / "a.tlog"), "--to", "8", "--log", str(log))
+    assert main(["tune", "--from", str(log), "-o", str(gains)]) == 2
+    assert capsys.readouterr().err == (
+        f"{log}: of a dry run, whose orders were not flown; expected a flight's log\n"
+    )
+    assert not gains.exists()
+    golden = Path(__file__).parents[1] / "golden" / "landing.mcap"
+    assert main(["report", str(log), str(golden), "-o", str(page)]) == 0
+    text = page.read_text()
+    assert "<h1>dry.mcap (dry run)</h1>" in text
+    assert "A dry run on a recorded flight: landerd&#x27;s orders were not flown" in text
+    assert "<h1>landing.mcap</h1>" in text
+    assert (
+        "0 of 1 landed" in text
+    )  # the other ends in flight; a dry run is no landing, and does not count
+    assert main(["replay", str(log)]) == 0
+
+
 def test_the_outcome_is_printed_in_words(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
