@@ -68,7 +68,8 @@ class OrdersVideo(Observer):
         for i, line in enumerate(lines):
             y = picture.shape[0] - 12 - 20 * (len(lines) - 1 - i)
             write(picture, (8, y), line, (255, 255, 255), 0.45)
-        self._writer.write(picture)
+        with quiet():
+            self._writer.write(picture)  # does not tell whether it could
         self._frames += 1
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
@@ -80,10 +81,15 @@ class OrdersVideo(Observer):
                 self._setpoint = command
 
     def close(self) -> bool:
-        """Finish the file; return whether it can be played, as its index is written last."""
+        """Finish the file; return whether it plays with all pictures.
+
+        Nothing else tells that the disk was full: a .webm also plays when its end is missing.
+        """
+        played = 0
         with quiet():
             self._writer.release()
             capture = cv2.VideoCapture(self._name)
-        can_be_played = capture.isOpened() or self._frames == 0
-        capture.release()
-        return can_be_played
+            while capture.grab():
+                played += 1
+            capture.release()
+        return played == self._frames
