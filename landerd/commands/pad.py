@@ -128,14 +128,14 @@ def run(args: argparse.Namespace) -> int:
         layout = _layout(args, view)
     files: list[Path] = []
     sheets: _Sheets = {}
-    if args.side or args.measured:
+    makes_pad_file = args.side or args.measured
+    if makes_pad_file:
         files.append(args.output.with_suffix(".yaml"))
-    if args.side:
         _check_new(files[0], _file_text(args, layout))
     if args.output.suffix != ".yaml":
         sheets = _write_print(args, layout)
         files.append(args.output)
-    if args.side or args.measured:
+    if makes_pad_file:
         write_text(files[0], _file_text(args, layout))
     markers = [_described(name, m, view) for name, m in marker_names(layout).items()]
     if args.json:

@@ -218,6 +218,21 @@ def test_a_measured_ruler_scales_all_markers_and_places(
     assert after.name == before.name
 
 
+def test_a_pad_file_is_not_scaled_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine, printed = str(tmp_path / "mine.yaml"), str(tmp_path / "printed.yaml")
+    said(capsys, "--for", "60cm", "--seen-from", "8m", "-o", mine)
+    measured = ["--measured", "ruler=99.2mm", "-o"]
+    said(capsys, mine, *measured, printed)
+    said(capsys, mine, *measured, printed)  # of the same print: the same file
+    before = Path(printed).read_text(), Path(mine).read_text()
+    for pad, output in ((printed, printed), (mine, mine), ("thesis", printed)):
+        assert main(["pad", pad, *measured, output]) == 2
+        assert capsys.readouterr().err == (
+            f"{output}: exists already, with other contents; choose another -o\n"
+        )
+    assert before == (Path(printed).read_text(), Path(mine).read_text())
+
+
 def test_a_markers_own_measured_size_takes_precedence_over_the_ruler(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -295,13 +310,13 @@ def test_it_prints_the_markers_the_sheets_and_the_files_written(
 def test_a_length_off_by_more_than_printers_err_is_questioned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = str(tmp_path / "mine.yaml")
     for what, told in (
         ("whycon=982mm", ""),
         ("whycon=1.1m", "whycon: off by 3 % or more; was it printed at 100 %?"),
         ("ruler=98.2mm", ""),
         ("ruler=94mm", "ruler: off by 3 % or more; was it printed at 100 %?"),
     ):
+        file = str(tmp_path / f"{what}.yaml")
         assert main(["pad", "nested", "--measured", what, "-o", file]) == 0
         said = capsys.readouterr()
         assert told in said.err
