@@ -17,7 +17,7 @@ from landerd.commands.shared import (
     write_bytes,
     write_text,
 )
-from landerd.config.files import config_dir, config_files
+from landerd.config.files import config_dir, config_files, own_or
 from landerd.pad import Marker, PadError, PadLayout, load_pad, size_m
 from landerd.preflight.configuration import pad_findings
 from landerd.printing.contours import plate_size_mm, reaching_out
@@ -207,7 +207,7 @@ def _check_arguments(args: argparse.Namespace) -> None:
 
 def _view(camera: Path | None) -> View:
     """Return the view of the camera with this calibration; None: of the thesis's camera."""
-    return _seen_by(load_camera(camera or config_dir() / _THESIS_CAMERA))
+    return _seen_by(load_camera(own_or(camera) if camera else config_dir() / _THESIS_CAMERA))
 
 
 def _seen_by(camera: CameraModel) -> View:

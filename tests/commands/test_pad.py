@@ -297,6 +297,15 @@ def test_a_longer_lens_sees_a_smaller_pad_as_far(
     assert [m["name"] for m in result["markers"]] == ["whycode-5"]
 
 
+def test_landerds_own_camera_is_found_anywhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    wanted = ["--for", "60cm", "--seen-from", "8m", "-o", "mine.yaml"]
+    by_name = said(capsys, *wanted, "--camera", "cameras/thesis.yaml")
+    assert by_name == said(capsys, *wanted)
+
+
 def test_it_prints_the_markers_the_sheets_and_the_files_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
