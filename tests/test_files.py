@@ -216,6 +216,11 @@ def test_a_command_refuses_to_overwrite_a_file_that_it_reads(
     [
         ("--from nan", "argument --from: found 'nan', expected seconds"),
         ("--to inf", "argument --to: found 'inf', expected seconds"),
+        ("--from -5", "--from -5: expected 0 s or more\n"),
+        ("--offset 3", "--offset: only with --video\n"),
+        ("--pad-at 47,8 --video a.mp4", "--pad-at: not with --video\n"),
+        ("--pad-local 0,2 --video a.mp4", "--pad-local: not with --video\n"),
+        ("--gimbal 0,-900", "found '0,-900', expected 2 numbers from -360 to 360"),
         ("--draw a.avi", "--draw a.avi: expected a .webm or .mp4"),
     ],
 )

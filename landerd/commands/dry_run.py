@@ -100,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--gimbal",
-        type=_numbers(2),
+        type=_numbers(2, most=360.0),
         metavar="YAW,PITCH",
         help="direction of a fixed camera, degrees relative to the airframe (0,-90: down); "
         "without: from the telemetry",
@@ -159,12 +159,7 @@ def run(args: argparse.Namespace) -> int:
         InputError: an argument, the configuration or a file cannot be used or written.
     """
     loaded = load_config(args)
-    if args.draw is not None:
-        if args.draw.suffix not in _FILMS:
-            raise InputError(f"--draw {args.draw}: expected a {' or '.join(_FILMS)}")
-        check_output(args.draw, args.draw.suffix, "--draw")
-        check_not_read(args.draw, args.video, "--draw")
-    check_output(args.log, ".mcap", "--log")
+    _check_arguments(args)
     with refusing(TelemetryError, VideoError, VideoNotWritten, CalibrationError, PadError):
         telemetry = _telemetry(args.telemetry)
         layout = load_pad(loaded.config.pad.layout)
@@ -180,6 +175,25 @@ def run(args: argparse.Namespace) -> int:
     if not_written:
         raise InputError("\n".join(not_written))
     return 0
+
+
+def _check_arguments(args: argparse.Namespace) -> None:
+    """Raise InputError for arguments of no use, or files that cannot be written."""
+    has_video = args.video is not None
+    for wrong, line in (
+        (args.offset is not None and not has_video, "--offset: only with --video"),
+        (args.pad_local is not None and has_video, "--pad-local: not with --video"),
+        (args.pad_at is not None and has_video, "--pad-at: not with --video"),
+        (args.start < 0.0, f"--from {args.start:g}: expected 0 s or more"),
+    ):
+        if wrong:
+            raise InputError(line)
+    if args.draw is not None:
+        if args.draw.suffix not in _FILMS:
+            raise InputError(f"--draw {args.draw}: expected a {' or '.join(_FILMS)}")
+        check_output(args.draw, args.draw.suffix, "--draw")
+        check_not_read(args.draw, args.video, "--draw")
+    check_output(args.log, ".mcap", "--log")
 
 
 # ---- the recording -----------------------------------------------------------------------------
@@ -236,7 +250,7 @@ def _part(args: argparse.Namespace, telemetry: Telemetry) -> tuple[float, float]
     Raises:
         InputError: nothing is between them.
     """
-    start = telemetry.start + max(0.0, args.start)
+    start = telemetry.start + args.start
     end = telemetry.end if args.end is None else min(telemetry.end, telemetry.start + args.end)
     if start >= end:
         raise InputError(
@@ -493,17 +507,24 @@ def outcome_in_words(outcome: str | None) -> str:
     return _OUTCOMES.get(outcome, str(outcome).replace("_", " "))
 
 
-def _numbers(*lengths: int) -> Callable[[str], tuple[float, ...]]:
-    """Return the `type` of an argument of numbers between commas; lengths: how many are allowed."""
+def _numbers(*lengths: int, most: float = math.inf) -> Callable[[str], tuple[float, ...]]:
+    """Return the `type` of an argument of numbers between commas.
+
+    Args:
+        lengths: how many are allowed.
+        most: largest magnitude that is allowed.
+    """
 
     def parse(text: str) -> tuple[float, ...]:
         try:
             values = tuple(float(part) for part in text.split(","))
         except ValueError:
             values = ()
-        if len(values) not in lengths or not all(map(math.isfinite, values)):
+        are_good = all(math.isfinite(value) and abs(value) <= most for value in values)
+        if len(values) not in lengths or not are_good:
             counts = " or ".join(map(str, lengths))
-            raise argparse.ArgumentTypeError(f"found {text!r}, expected {counts} numbers")
+            within = "" if math.isinf(most) else f" from {-most:g} to {most:g}"
+            raise argparse.ArgumentTypeError(f"found {text!r}, expected {counts} numbers{within}")
         return values
 
     return parse
