@@ -49,6 +49,7 @@ from landerd.vision import Vision
 from landerd.worker import JobHangs, Worker
 
 _SEARCH_S = 5.0  # a search of a picture that takes longer counts as hung
+_FARTHEST_M = 50.0  # largest distance of a mark, ahead or to the right
 _NEXT = "Lay the pad flat, its landing point on the mark {mark}, its north where the nose points."
 
 
@@ -134,8 +135,10 @@ def _mark(text: str) -> tuple[float, float]:
         ahead, right = (float(part) for part in text.split(","))
     except ValueError:
         ahead = right = math.nan
-    if not (abs(ahead) <= 50.0 and abs(right) <= 50.0):
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected AHEAD,RIGHT in m, as 2,-0.5")
+    if not (abs(ahead) <= _FARTHEST_M and abs(right) <= _FARTHEST_M):
+        raise argparse.ArgumentTypeError(
+            f"found {text!r}, expected AHEAD,RIGHT in m, as 2,-0.5, each at most {_FARTHEST_M:g}"
+        )
     return ahead, right
 
 

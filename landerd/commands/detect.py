@@ -112,6 +112,8 @@ def run(args: argparse.Namespace) -> int:
     if args.draw is not None:
         try:
             args.draw.mkdir(parents=True, exist_ok=True)
+        except FileExistsError:
+            raise InputError(f"--draw {args.draw}: found a file, expected a folder") from None
         except OSError as e:
             raise InputError(f"--draw {args.draw}: {e.strerror}") from None
     refused: list[str] = []

@@ -1,6 +1,7 @@
 """`landerd pad`: prints or cuts a pad at true size, proposes one, or enters measured sizes."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -159,8 +160,11 @@ def _length(text: str) -> float:
 
 def _overlap(text: str) -> float:
     """Return the overlap of sheets in m, which may be 0; the type of --overlap."""
-    length = 0.0 if text in _NONE else _length(text)
-    if 1e3 * length > LARGEST_OVERLAP_MM:
+    try:
+        length = 0.0 if text in _NONE else length_m(text)
+    except ValueError:
+        length = math.nan
+    if not 1e3 * length <= LARGEST_OVERLAP_MM:
         raise argparse.ArgumentTypeError(f"found {text!r}, expected 0 to {LARGEST_OVERLAP_MM:g}mm")
     return length
 

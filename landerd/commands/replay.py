@@ -44,6 +44,10 @@ def run(args: argparse.Namespace) -> int:
     for key in (option.partition("=")[0].strip() for option in args.set):
         if key in _HELD:
             raise InputError(f"--set {key}: the log's own is replayed; no other can be given")
+        if any(f"{key}.".startswith(f"{block}.") for block in options_models()):
+            raise InputError(
+                f"--set {key}: a log has neither simulator nor drivers, only what came of them"
+            )
     with refusing(LogError, ConfigError):
         log = read_log(args.log)
         config, unknown = config_of(log, args.set)

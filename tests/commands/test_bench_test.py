@@ -87,6 +87,7 @@ def test_a_pad_that_is_not_found_is_reported_with_what_to_look_at(
     ("arguments", "says"),
     [
         (["--mark", "2"], "found '2', expected AHEAD,RIGHT in m"),
+        (["--mark", "200,0"], "expected AHEAD,RIGHT in m, as 2,-0.5, each at most 50"),
         (["--height", "nan"], "expected metres from 0.2 to 30"),
         (["--set", "gimbal.driver=fixed"], "fixed does not turn"),
         (["-o", "/nowhere/a.csv"], "its folder does not exist"),

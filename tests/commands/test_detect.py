@@ -250,6 +250,14 @@ def test_drawn_pictures_mark_the_tag_and_leave_the_rest(folder: Path, tmp_path: 
     assert not coloured[360:].any()
 
 
+def test_a_file_is_no_folder_for_drawn_pictures(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = folder / "a.png"
+    assert main(["detect", str(picture), *FILES, "--draw", str(picture)]) == 2
+    assert capsys.readouterr().err == f"--draw {picture}: found a file, expected a folder\n"
+
+
 def test_pictures_of_one_name_are_all_drawn(folder: Path, tmp_path: Path) -> None:
     out, other = tmp_path / "drawn", tmp_path / "other"
     other.mkdir()

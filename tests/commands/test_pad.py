@@ -354,6 +354,7 @@ WRONG = [
     ("-o a.pdf --for 1.2m --seen-from 0m", "found '0m', expected a length above 0"),
     ("nested -o a.yaml --measured ruler", "WHAT=LENGTH"),
     ("nested -o a.pdf --overlap 80mm", "expected 0 to 50mm"),
+    ("nested -o a.pdf --overlap=-1mm", "found '-1mm', expected 0 to 50mm"),
     ("nested -o a.pdf --camera c.yaml", "--camera: only with --for"),
     ("-o a.pdf --for 1.2m", "--for and --seen-from"),
     ("nested -o a.pdf --for 1.2m --seen-from 9m", "nested: not with --for"),

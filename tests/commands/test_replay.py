@@ -63,6 +63,16 @@ def test_with_set_it_prints_what_would_have_changed(capsys: pytest.CaptureFixtur
     assert "phases now:" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("key", ["sim.pad.speed_mps", "sim", "camera.v4l2.device"])
+def test_a_key_of_what_is_not_in_a_log_is_refused(
+    key: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(GOLDEN), "--set", f"{key}=2"]) == 2
+    assert capsys.readouterr().err == (
+        f"--set {key}: a log has neither simulator nor drivers, only what came of them\n"
+    )
+
+
 def test_a_replay_of_a_flight_without_an_outcome_prints_none(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
