@@ -31,7 +31,7 @@ _SAME_PLACE, _SAME_SIZE = 0.3, 1.3
 # an error. The larger ones of a size begin with the smaller ones.
 _DICTIONARIES = ("APRILTAG_36h11", "APRILTAG_25h9", "4X4_50", "5X5_1000", "6X6_1000", "7X7_1000")
 # Bits of WhyCodes that are told, beside those of the pad's.
-_BITS = (5, 6, 7, 8)
+_BITS = (6, 7, 8)
 # Longer side of an image, px, above which it is reduced: what is told is clear to see.
 _LONGEST_PX = 1600
 

@@ -75,6 +75,7 @@ _MIN_MEAN_DIFFERENCE = 0.4  # mean difference of the bits' halves, over the cont
 # Least difference of a bit's halves over the mean: a code read under the mirrored pose gave 0.5 to
 # 0.6, under the true one 0.9.
 _MIN_DECISION_MARGIN = 0.45
+_CLEAR_MARGIN = 0.7  # the same of codes that are not the pad's, which nothing else confirms
 # A code of which dirt, a leg or blur hides a bit cannot be read, but it may agree with a number of
 # the pad. Agreement is how much the halves of a bit differ in the right sense, over the contrast
 # along the band; limits of its mean over all bits, of the least bit of a code that was found, and
@@ -385,6 +386,7 @@ def codes_read(image: Image, camera: CameraModel, bits: Collection[int]) -> dict
                 for pose in _rings(outline, camera)
                 for n in bits
                 if (reading := read(image, camera, pose, 1.0, n)) is not None
+                and reading.decision_margin > _CLEAR_MARGIN
             ]
             if not readings:
                 continue
