@@ -48,6 +48,7 @@ class Flight:
     """The time series of one log; times are s since its beginning."""
 
     log: FlightLog
+    name: str  # by which the reader knows it
     zero: float  # beginning of the log on the loop's clock, s
     positions: list[tuple[float, LocalPosition]] = field(default_factory=list)
     setpoints: list[tuple[float, Setpoint]] = field(default_factory=list)
@@ -59,8 +60,8 @@ class Flight:
 
     @property
     def title(self) -> str:
-        """The log's name, with a remark if it is a dry run's."""
-        return self.log.path.name + (" (dry run)" if self.log.is_dry else "")
+        """The flight's name, with a remark if it is a dry run's."""
+        return self.name + (" (dry run)" if self.log.is_dry else "")
 
     @property
     def end(self) -> float:
@@ -124,10 +125,15 @@ class Flight:
         return [Sample(t, place(feet), place(pad), phase) for t, feet, pad, phase in found]
 
 
-def flight_of(log: FlightLog) -> Flight:
-    """Return the time series of a log."""
+def flight_of(log: FlightLog, name: str | None = None) -> Flight:
+    """Return the time series of a log.
+
+    Args:
+        log: as read.
+        name: of the flight; None: that of its file, without its folder.
+    """
     zero = log.steps[0].now
-    flight = Flight(log, zero)
+    flight = Flight(log, name or log.path.name, zero)
     armed = False
     budget = _Budgeting(flight)
     for step in log.steps:

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from landerd.config.files import ConfigError, config_files, read_model
+from landerd.config.yaml_tree import shown
 from landerd.section import Finite, Positive, Section
 
 
@@ -241,7 +242,7 @@ def _load(name: str) -> Campaign:
     path = Path(name) if name.endswith(".yaml") else campaigns.get(name)
     if path is not None:
         campaign = read_model(path, Campaign)
-        _check_scenarios(campaign, scenarios, path)
+        check_scenarios((row.scenario for row in campaign.all_rows), path)
         return campaign
     if name in scenarios:
         return Campaign(rows=(Row(scenario=name),))
@@ -254,9 +255,13 @@ def _load(name: str) -> Campaign:
     )
 
 
-def _check_scenarios(campaign: Campaign, scenarios: Mapping[str, Path], path: Path) -> None:
-    unknown = [row.scenario for row in campaign.all_rows if row.scenario not in scenarios]
-    if unknown:
-        raise ConfigError(
-            [f"{path.name}: scenario {name!r} is not known" for name in dict.fromkeys(unknown)]
-        )
+def check_scenarios(names: Iterable[str], path: Path) -> None:
+    """Raise ConfigError if the file of a campaign or tuning names scenarios that there are not."""
+    known = config_files("scenarios")
+    faults = []
+    for name in dict.fromkeys(names):
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
+            faults.append(f"{shown(path)}: scenario {name!r} is not known; nearest: {near[0]}")
+    if faults:
+        raise ConfigError(faults)

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from landerd.analysis.intervals import mean_interval
 from landerd.campaigns.compare import Pair, compare_row, has_failed
 from landerd.campaigns.failures import is_feasible
-from landerd.campaigns.plan import Row
+from landerd.campaigns.plan import Row, check_scenarios
 from landerd.campaigns.pool import Run
 from landerd.config.files import ConfigError, config_files, read_model
 from landerd.config.yaml_tree import put
@@ -99,9 +99,7 @@ def load_tuning(name: str) -> Tuning:
         near = difflib.get_close_matches(name, own, n=1, cutoff=0.0)
         raise ConfigError([f"tuning {name!r} is not known; nearest: {near[0]}; or any file.yaml"])
     tuning = read_model(path, Tuning)
-    for scenario in tuning.scenarios:
-        if scenario not in config_files("scenarios"):
-            raise ConfigError([f"{path.name}: scenario {scenario!r} is not known"])
+    check_scenarios(tuning.scenarios, path)
     return tuning
 
 

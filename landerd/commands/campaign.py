@@ -16,7 +16,7 @@ from landerd.campaigns.failures import as_lines
 from landerd.campaigns.fault_table import as_lines as fault_lines
 from landerd.campaigns.fault_table import failures
 from landerd.campaigns.journal import Journal, JournalError
-from landerd.campaigns.plan import Campaign, load_campaigns
+from landerd.campaigns.plan import Campaign, Row, load_campaigns
 from landerd.campaigns.pool import Run
 from landerd.campaigns.poses import as_text as poses_as_text
 from landerd.campaigns.rows import make_rows, runs_of
@@ -33,6 +33,7 @@ from landerd.commands.shared import (
     config_path,
     print_json,
     refusing,
+    settings_of_file,
     tell,
     whole_number,
 )
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             _Part(name, campaign, SimulatedLanding(campaign, config, tuple(args.set)))
             for name, campaign in load_campaigns(args.name).items()
         ]
-        loaded = [part.landing.load(row) for part in parts for row in part.campaign.all_rows]
+        loaded = [part.load(row) for part in parts for row in part.campaign.all_rows]
         for each in loaded:
             check_stand_in_flies(each)
             check_faults(each)
@@ -85,6 +86,11 @@ class _Part:
     name: str
     campaign: Campaign
     landing: SimulatedLanding
+
+    def load(self, row: Row) -> Loaded:
+        """Return the configuration of a row. Raises ConfigError."""
+        with settings_of_file(self.name, row.settings):
+            return self.landing.load(row)
 
 
 def _settings(name: str, loaded: Iterable[Loaded]) -> str:

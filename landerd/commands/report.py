@@ -42,6 +42,9 @@ def run(args: argparse.Namespace) -> int:
     for path in args.files:
         if path.suffix not in _READ and path.exists():
             raise InputError(f"{path}: expected a flight log (.mcap), a .jsonl or a .txt")
+    twice = [path for n, path in enumerate(args.files) if _is_among(path, args.files[:n])]
+    if twice:
+        raise InputError(f"{twice[0]}: given twice, and would count twice")
     logs = [path for path in args.files if path.suffix == ".mcap"]
     if logs and len(logs) < len(args.files):
         raise InputError("expected flight logs (.mcap), or files of campaigns, not both")
@@ -58,6 +61,11 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _is_among(path: Path, others: list[Path]) -> bool:
+    """Tell whether a file is one of others, by whatever path."""
+    return path.resolve() in [other.resolve() for other in others]
+
+
 def _write_flights(paths: list[Path], output: Path) -> None:
     """Write a page on flights, from their logs. Raises InputError, OSError."""
     from landerd.analysis.flight import flight_of
@@ -65,6 +73,8 @@ def _write_flights(paths: list[Path], output: Path) -> None:
 
     if output.suffix == ".md":
         raise InputError(f"-o {output}: for flight logs expected .html")
+    # Each vehicle calls its logs alike: those of several are told apart by their folders.
+    alike = len({path.name for path in paths}) < len(paths)
     with refusing(LogError):
-        flights = [flight_of(read_log(path)) for path in paths]
+        flights = [flight_of(read_log(path), str(path) if alike else None) for path in paths]
         write_report(flights, output)

@@ -5,7 +5,7 @@ import contextlib
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -128,6 +128,27 @@ def config_path(args: argparse.Namespace) -> Path:
     if found != path:
         tell(f"{path}: not found here, landerd's own is used: {found}")
     return found
+
+
+@contextlib.contextmanager
+def settings_of_file(name: str, settings: Collection[str]) -> Iterator[None]:
+    """Name the file, of a campaign or a tuning, in each ConfigError about one of its settings.
+
+    Args:
+        name: of the file.
+        settings: KEY=VALUE, as the file has them.
+    """
+    from landerd.config.files import ConfigError
+
+    try:
+        yield
+    except ConfigError as e:
+        own = tuple(f"--set {setting}" for setting in settings)
+        lines = [
+            f"{name}: {line.removeprefix('--set ')}" if line.startswith(own) else line
+            for line in e.lines
+        ]
+        raise ConfigError(lines) from None
 
 
 def load_config(args: argparse.Namespace, overlays: Sequence[Path] = (), seed: int = 0) -> "Loaded":

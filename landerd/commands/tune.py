@@ -37,6 +37,7 @@ from landerd.commands.shared import (
     file_name,
     print_json,
     refusing,
+    settings_of_file,
     tell,
     whole_number,
     write_text,
@@ -148,8 +149,10 @@ def _start(tuning: Tuning, args: argparse.Namespace) -> dict[str, float]:
 
 def _load(tuning: Tuning, args: argparse.Namespace, settings: Sequence[str] = ()) -> Loaded:
     """Return the configuration with the tuning's settings and these. Raises ConfigError."""
-    path = args.config or default_config()
-    return read_configuration(path, overrides=(*tuning.settings, *settings), seed=1)
+    path, overrides = args.config or default_config(), (*tuning.settings, *settings)
+    own = [each for each in overrides if each not in args.set]
+    with settings_of_file(args.name, own):
+        return read_configuration(path, overrides=overrides, seed=1)
 
 
 def _fingerprint(tuning: Tuning, args: argparse.Namespace) -> str:

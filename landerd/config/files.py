@@ -154,6 +154,7 @@ def load(
     model = _extended(tuple(options_models.items()))
     config = _validated(model, tree, faults)
     faults += _unknown_drivers(tree, drivers or {})
+    faults += _missing_files(tree)
     if config is None or faults:
         raise ConfigError([str(fault) for fault in sorted(faults)])
 
@@ -310,7 +311,7 @@ def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
         elif error["type"] == "extra_forbidden":
             text = "unknown key"
             if len(found) < _NEAREST_TOLD:
-                text += f"; nearest known key: {schema.nearest(dotted(loc))}"
+                text += f"; nearest known key: {schema.nearest(loc)}"
         elif error["type"] == "value_error":
             text = str(error["ctx"]["error"])
         else:
@@ -373,6 +374,19 @@ def _unknown_drivers(tree: Node, drivers: Mapping[str, Collection[str]]) -> Iter
             yield Fault(
                 node.place, dotted(loc), f"found {value_in_words(node.value)}, expected {expected}"
             )
+
+
+def _missing_files(tree: Node) -> Iterator[Fault]:
+    """Yield a fault for each pad and calibration that does not exist."""
+    for section, key in (("pad", "layout"), ("camera", "calibration")):
+        node, loc = tree.locate((section, key))
+        if loc != (section, key) or not isinstance(node.value, str):
+            continue
+        path = own_or(node.folder / node.value, node.value)
+        if not path.exists():
+            own = ", ".join(f"{section}s/{name}.yaml" for name in config_files(f"{section}s"))
+            text = f"no such file: {value_in_words(shown(path))}; landerd's own: {own}"
+            yield Fault(node.place, dotted(loc), text)
 
 
 def _at(model: Any, section: str) -> Any:

@@ -36,12 +36,18 @@ class Schema:
         """Return the values allowed for a key, in words."""
         return " or ".join(dict.fromkeys(self._words(variant) for variant in self._at(loc)))
 
-    def nearest(self, key: str) -> str:
+    def nearest(self, loc: Loc) -> str:
         """Return the known dotted key that is most similar to an unknown one.
 
-        Keys of the blocks that contain the unknown key are no candidates.
+        Within an item of a list only that item's keys are candidates. Keys of the blocks that
+        contain the unknown key are none.
         """
-        candidates = [known for known in self._known if not key.startswith(f"{known}.")]
+        key, all_known = dotted(loc), self._known
+        item = max((n for n, part in enumerate(loc, start=1) if isinstance(part, int)), default=0)
+        if item:
+            prefix = f"{dotted(loc[:item])}."
+            all_known = [k for block in self._at(loc[:item]) for k in self._keys(block, prefix)]
+        candidates = [known for known in all_known if not key.startswith(f"{known}.")]
         return difflib.get_close_matches(key, candidates, n=1, cutoff=0.0)[0]
 
     def _at(self, loc: Loc) -> list[dict[str, Any]]:

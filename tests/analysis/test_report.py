@@ -105,6 +105,22 @@ def test_a_cut_log_is_reported_as_far_as_it_goes(landing: Path, tmp_path: Path) 
     assert "How true the sightings were" in text
 
 
+def test_flights_of_one_name_are_told_apart_by_their_folders(
+    landing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / landing.name
+    other.symlink_to(landing)
+    page = str(tmp_path / "r.html")
+    assert main(["report", str(landing), str(other), "-o", page]) == 2
+    assert capsys.readouterr().err == f"{other}: given twice, and would count twice\n"
+    other.unlink()
+    other.write_bytes(landing.read_bytes())
+    assert main(["report", str(landing), str(other), "-o", page]) == 0
+    text = Path(page).read_text()
+    assert f">{landing}</td>" in text
+    assert f">{other}</td>" in text
+
+
 def test_a_file_that_is_no_log_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

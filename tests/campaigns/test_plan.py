@@ -123,10 +123,11 @@ def test_an_unknown_campaign_is_refused_with_the_nearest_name() -> None:
             "grids: [{scenario: hover, keys: {a: [1, 2]}, thesis: {'3': {time_s: 1}}}]",
             "mine.yaml:1: grids.0: thesis: '3' is no combination of the values",
         ),
-        ("rows: [{scenario: hoover}]", "mine.yaml: scenario 'hoover' is not known"),
+        ("rows: [{scenario: hoover}]", "mine.yaml: scenario 'hoover' is not known; nearest: hover"),
         (
             "rows:\n  - scenario: hover\n    needed: {time_mean: 3}",
-            "mine.yaml:3: rows.0.needed.time_mean: unknown key",
+            "mine.yaml:3: rows.0.needed.time_mean: unknown key; nearest known key: "
+            "rows.0.needed.time_s_mean",
         ),
     ],
 )

@@ -173,7 +173,7 @@ def test_a_file_of_another_program_is_not_overwritten(
     [
         (["guidence"], "campaign 'guidence' is not known; nearest: guidance"),
         (["hover", "--set", "sim.pad.sped_mps=1"], "nearest known key: sim.pad.speed_mps"),
-        (["hover", "--set", "pad.layout=none.yaml"], "none.yaml: cannot be read"),
+        (["hover", "--set", "pad.layout=none.yaml"], "no such file: 'none.yaml'"),
         (["none.yaml"], "none.yaml: cannot be read: No such file or directory"),
     ],
 )
@@ -185,6 +185,26 @@ def test_wrong_input_is_one_line_and_nothing_is_flown(
     assert captured.out == ""
     (line,) = captured.err.splitlines()
     assert says in line
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("rows: [{scenario: hover, settings: [a.b=1]}]", "a.b=1: unknown key; nearest known key: "),
+        ("sweeps: [{scenarios: [hover], key: sim.pad.speed_mps, values: [0, fast]}]", "found 'fa"),
+    ],
+)
+def test_a_wrong_setting_of_a_campaign_is_told_with_its_file(
+    text: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(text)
+    assert main(["campaign", str(mine), "--runs", "1"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{mine}: ")
+    assert says in line
+    assert main(["campaign", str(mine), "--runs", "1", "--set", "sim.pad.sped_mps=1"]) == 2
+    assert "--set sim.pad.sped_mps=1: unknown key" in capsys.readouterr().err
 
 
 def test_the_command_flies_the_simulator_and_counts_landings() -> None:

@@ -162,3 +162,15 @@ def test_without_a_search_or_a_flight_there_is_nothing_to_do(
     assert capsys.readouterr().err == "--report: expected a search, --from makes none\n"
     assert main(["tune"]) == 2
     assert capsys.readouterr().err == "expected NAME, or --from FLIGHT.mcap\n"
+
+
+def test_a_wrong_key_of_a_tuning_is_told_with_its_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(
+        "scenarios: [hover]\nobjective: {time_s: 1}\nparameters: {guidance.tracking.kpp: [1, 2]}\n"
+    )
+    assert main(["tune", str(mine), "--sets", "4"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{mine}: guidance.tracking.kpp=1: unknown key; nearest known key: ")

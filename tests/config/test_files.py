@@ -248,21 +248,33 @@ def test_includes_that_cannot_be_used_are_faults_at_their_line(folder: Path) -> 
 
 def test_relative_paths_start_from_the_file_they_are_written_in(folder: Path) -> None:
     write(folder / "parts" / "camera.yaml", "camera: {calibration: mine.yaml}")
+    mine = write(folder / "parts" / "mine.yaml", "")
+    pad = write(folder / "x.yaml", "")
     path = write(
         folder / "a.yaml",
-        "include: [parts/camera.yaml]\npad: {layout: /pads/p.yaml}\ngimbal: {servo: {device: d}}",
+        f"include: [parts/camera.yaml]\npad: {{layout: {pad}}}\ngimbal: {{servo: {{device: d}}}}",
     )
     loaded = read(path)
-    assert loaded.config.camera.calibration == folder / "parts" / "mine.yaml"
-    assert loaded.config.pad.layout == Path("/pads/p.yaml")
+    assert loaded.config.camera.calibration == mine
+    assert loaded.config.pad.layout == pad
     assert loaded.options["gimbal.servo"] == Servo(device=folder / "d")
-    assert read(path, "pad.layout=x.yaml").config.pad.layout == folder / "x.yaml"
+    assert read(path, "pad.layout=x.yaml").config.pad.layout == pad
     packaged = config_dir() / "pads" / "nested.yaml"
     assert read(path, "pad.layout=pads/nested.yaml").config.pad.layout == packaged
     # A folder is made where it is written, though landerd's own files have one of that name.
     assert read(path, "log.folder=campaigns").config.log.folder == folder / "campaigns"
     own = write(folder / "pads" / "nested.yaml", "")
     assert read(path, "pad.layout=pads/nested.yaml").config.pad.layout == own
+
+
+def test_a_pad_and_a_calibration_that_do_not_exist_are_faults_at_their_lines(folder: Path) -> None:
+    path = write(folder / "a.yaml", "pad: {layout: nested}\ncamera:\n  calibration: lens.yaml\n")
+    pad, camera = faults(path)
+    assert pad.startswith("a.yaml:1: pad.layout: no such file: 'nested'; landerd's own: pads/")
+    assert "pads/nested.yaml" in pad
+    assert camera.startswith("a.yaml:3: camera.calibration: no such file: 'lens.yaml'; ")
+    (told,) = faults(path, "pad.layout=pads/nested.yaml", "camera.calibration=lens")
+    assert told.startswith("--set camera.calibration=lens: no such file: 'lens'; landerd's own: ")
 
 
 def test_overrides_are_read_as_yaml_and_the_last_wins(folder: Path) -> None:
