@@ -175,6 +175,7 @@ def test_a_file_of_another_program_is_not_overwritten(
         (["hover", "--set", "sim.pad.sped_mps=1"], "nearest known key: sim.pad.speed_mps"),
         (["hover", "--set", "pad.layout=none.yaml"], "no such file: 'none.yaml'"),
         (["none.yaml"], "none.yaml: cannot be read: No such file or directory"),
+        (["faults", "--set", "gimbal.driver=fixed"], "faults need gimbal.driver sim, found fixed"),
     ],
 )
 def test_wrong_input_is_one_line_and_nothing_is_flown(
