@@ -661,15 +661,15 @@ MUTANTS = [
     Mutant(
         "4: stays without thrust while it sinks",
         TOUCHDOWN,
-        "self._level = begins or (self._level and (not sinks or self._rebounds(motion)))",
+        "self._level = begins or (self._level and stays)",
         "self._level = begins or self._level",
         "guidance/test_touchdown.py::test_thrust_comes_back_as_soon_as_it_sinks_without",
     ),
     Mutant(
         "4: thrust comes back in a rebound from the plate",
         TOUCHDOWN,
-        "(not sinks or self._rebounds(motion))",
-        "not sinks",
+        "stays = not sinks or self._rebounds(motion) or",
+        "stays = not sinks or",
         "guidance/test_touchdown.py::test_a_rebound_from_the_plate_does_not_bring_the_thrust_back",
     ),
     Mutant(
@@ -1054,9 +1054,31 @@ MUTANTS = [
         "::test_a_levelled_vehicle_goes_up_by_its_thrust_for_a_moment_and_later_with_its_pad",
     ),
     Mutant(
+        "4: given thrust again on a deck that sinks",
+        TOUCHDOWN,
+        "or self._is_carried(now, motion)",
+        "or False",
+        "guidance/test_touchdown.py"
+        "::test_levelled_for_a_second_it_goes_down_with_its_deck_but_does_not_fall",
+    ),
+    Mutant(
+        "4: told to climb as its feet arrive",
+        COMMITTED,
+        "if comes and self.takes_touch(step.now)",
+        "if False",
+        "guidance/test_landing.py::test_sight_lost_too_long_as_its_feet_arrive_it_goes_on_down",
+    ),
+    Mutant(
+        "1b: released as its feet arrive it is stopped there with thrust",
+        COMMITTED,
+        "self._touching = self._touching or self._arriving",
+        "self._touching = self._touching",
+        "guidance/test_landing.py::test_released_as_its_feet_arrive_it_stands_there",
+    ),
+    Mutant(
         "5: told to descend on stale data until it touches",
         COMMITTED,
-        "comes_s = LATE_S if self._touching is None else 0.0",
+        "comes_s = ARRIVES_S if self._touching is None else 0.0",
         "comes_s = 0.0",
         "guidance/test_landing.py"
         "::test_committed_and_its_data_are_stale_before_the_touch_it_is_not_told_to_descend",

@@ -21,7 +21,7 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.rest_detector import BUILD_ERROR_M
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import LATE_S, MAX_CONTACT_HEIGHT_M, Touchdown
+from landerd.guidance.touchdown import MAX_BLIND_S, MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # Slowest descent after commit, m/s, in local NED, even over a deck that rises: yielding to that
@@ -32,6 +32,9 @@ MIN_DESCENT_MPS = 0.05
 # the release that followed stopped a vehicle that leaned by 18 degrees, and once a foot was down it
 # was not levelled.
 HOLD_ASKED_S = 0.15
+# A foot that will be down before thrust answers (contact.is_arriving) is down after this time, s:
+# where its height was wrong by a centimetre it was so 0.23 s later.
+ARRIVES_S = 0.3
 
 
 class Committed:
@@ -93,6 +96,10 @@ class Committed:
             event = Event.CONTACT
         if event is Event.CONTACT:
             self._note_contact(relative, pad.heading, lowest_m)
+        if event is Event.SIGHT_LOST and age <= MAX_BLIND_S:
+            # A climb would begin with its feet on the pad, unless that is lower than estimated.
+            comes = foot_height(relative, vehicle) > -BUILD_ERROR_M
+            return Event.CONTACT if comes and self.takes_touch(step.now) else event
         if event is not None:
             return event
         # From a touch on sight says little: it turns the airframe faster than the direction of the
@@ -134,17 +141,16 @@ class Committed:
         Contact where a foot was touching, or will be down before thrust answers: vehicles that
         were told to climb then were dragged across the plate. Else sight is lost.
         """
-        comes_s = LATE_S if self._touching is None else 0.0
-        self._touching = self._touching or self._arriving
-        return Event.CONTACT if self.takes_touch(now, comes_s) else Event.SIGHT_LOST
+        return Event.CONTACT if self.takes_touch(now) else Event.SIGHT_LOST
 
-    def takes_touch(self, now: float, comes_s: float = 0.0) -> bool:
-        """Take feet that may have been down in the last step for contact; tell whether.
+    def takes_touch(self, now: float) -> bool:
+        """Take feet that may have been down in the last step, or arrive, for contact; tell whether.
 
         Args:
             now: s.
-            comes_s: time until they are down, s.
         """
+        comes_s = ARRIVES_S if self._touching is None else 0.0
+        self._touching = self._touching or self._arriving
         if self._touching is None:
             return False
         self._touchdown.touch(now, comes_s)

@@ -136,6 +136,11 @@ LIFTED_M, LIFTS_MPS = 0.08, 0.15
 # thrust again on one that went up for 1.9 s it was not disarmed in time after ON_GROUND.
 THRUST_GONE_S = 0.6
 
+# Nor is it in the air if, levelled for longer than the first, s, it sinks no faster than the other,
+# m/s: there it would fall. Given thrust again on a deck that, out of sight, began to sink at 0.1
+# m/s, a vehicle was told to climb away from it.
+FALLS_AFTER_S, FALLS_MPS = 1.0, 0.3
+
 DISARM_EVERY_S = 0.5  # until the vehicle is disarmed: one command may be lost
 # Time from the first disarm command after which the autopilot counts as refusing it, s: it answers
 # within milliseconds, and its heartbeat says so 0.25 s later, which may be lost.
@@ -462,7 +467,8 @@ class Touchdown:
         may_begin = released or (is_pressed and not ends)
         sinks = self._sinks(now)
         begins = is_time and may_begin and not sinks
-        self._level = begins or (self._level and (not sinks or self._rebounds(motion)))
+        stays = not sinks or self._rebounds(motion) or self._is_carried(now, motion)
+        self._level = begins or (self._level and stays)
         self._level_since = min(self._level_since, now) if self._level else math.inf
         self.stands = stands or self._level or confirmed
         rests = motion.slip < MAX_SLIP_MPS + motion.slip_error
@@ -506,6 +512,10 @@ class Touchdown:
         """Tell whether it comes down slowly, to no lower than where something held it up."""
         is_lower = motion.feet_down - motion.pad_down > self._held_down + REBOUND_M
         return _sink_over_deck(motion) < REBOUND_MPS and not is_lower
+
+    def _is_carried(self, now: float, motion: ContactMotion) -> bool:
+        """Tell whether a deck that sinks carries it, which in the air would fall without thrust."""
+        return now - self._level_since > FALLS_AFTER_S and _sink_over_deck(motion) < FALLS_MPS
 
     def _stands_still(self, now: float) -> bool:
         """Tell whether it has neither turned, nor settled, nor slid for STILL_S."""

@@ -157,7 +157,7 @@ def test_asked_to_hold_as_it_stands_there_it_is_not_told_that_the_pad_is_not_fou
     engage(flight)
     flight.pulse_us = HIGH
     flight.until(Phase.LANDED)
-    while flight.height > 0.05:
+    while flight.height > 0.075:
         flight.tick()
     flight.pulse_us = LOW
     flight.run(0.2)

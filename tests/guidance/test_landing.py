@@ -754,10 +754,46 @@ def test_released_as_it_touches_before_that_is_sure_it_is_levelled_once_it_lies_
     assert to(flight, State.ON_PAD, at_most_s=0.2) == [State.STANDING, State.ON_PAD]
 
 
+def test_sight_lost_too_long_as_its_feet_arrive_it_goes_on_down() -> None:
+    """It was told to climb, and stood on the pad under thrust, dragged, until it lifted."""
+    flight = Flight().engaged()
+    flight.detects_landing = False
+    to(flight, State.COMMITTED)
+    flight.visible = False
+    flight.position = add(flight.position, (0.0, 0.0, -0.04))
+    position = flight.position
+    while flight.lander.state is State.COMMITTED:
+        # It sinks somewhat more slowly than ordered: air cushions it.
+        flight.velocity = (0.0, 0.0, 0.25)
+        position = add(position, (0.0, 0.0, 0.25 * DT))
+        flight.tick()
+        flight.position = position
+    assert 0.0 < flight.height < 0.06
+    assert flight.lander.state is State.ON_PAD
+    assert flight.setpoints[-1][1].velocity[2] > 0.0
+
+
+def test_released_as_its_feet_arrive_it_stands_there() -> None:
+    """RC was lost for 0.3 s: it stood on the pad with thrust, unseen, for half a minute."""
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.COMMITTED)
+    while flight.height > 0.04:
+        flight.tick()
+    flight.pulse_us = LOW
+    to(flight, State.STANDING, at_most_s=0.2)
+    flight.visible = False
+    flight.pulse_us = HIGH
+    to(flight, State.ON_PAD, at_most_s=0.2)
+    flight.run(1.5)
+    assert flight.contact_t is not None
+    assert flight.pressed
+
+
 def test_released_in_the_air_after_commit_it_is_stopped() -> None:
     flight = Flight()
     to(flight.engaged(), State.COMMITTED)
-    while flight.height > 0.06:
+    while flight.height > 0.1:
         flight.tick()
     flight.pulse_us = LOW
     to(flight, State.RELEASING, at_most_s=0.2)

@@ -515,8 +515,16 @@ def test_a_vehicle_that_sinks_or_may_sink_is_never_left_without_thrust(sink_rate
 
 def test_thrust_comes_back_as_soon_as_it_sinks_without() -> None:
     standing = Standing()
-    assert standing.level(3.5)[-1]
+    assert standing.level(1.2)[-1]
     assert not any(standing.level(0.5, sinks=0.2, sink_rate=0.2)[4:])
+
+
+def test_levelled_for_a_second_it_goes_down_with_its_deck_but_does_not_fall() -> None:
+    """Once, on a deck that began to sink out of sight, it was told to climb away."""
+    standing = Standing()
+    assert standing.level(2.2)[-1]
+    assert all(standing.level(1.0, sinks=0.2, sink_rate=0.2))
+    assert not any(standing.level(0.5, sinks=0.5, sink_rate=0.5)[4:])
 
 
 def test_a_rebound_from_the_plate_does_not_bring_the_thrust_back() -> None:

@@ -21,6 +21,7 @@ _STILL_MPS, STILL_S = 0.2, 1.0
 # How far above the commit height a falling deck may leave a committed vehicle, m.
 _FALLS_AWAY_M = 0.1
 _SINKS_ON_S = 0.1  # a descent goes on for this long, whatever is ordered
+_HEIGHT_ERROR_M = 0.02  # of landerd's, by which it may take itself to be lower
 # After the release set-points may take this long to reach the pad's velocity, as they are limited.
 _LED_S = 0.5
 _NEAR_M = 3.0  # farther from the landing point the plate is not below, nor will be soon
@@ -429,7 +430,7 @@ class Evidence:
         goes_down = order.level or order.velocity[2] > ZERO
         high = truth.height >= b.commit_height_m + _FALLS_AWAY_M
         self.committed = goes_down and not high and (low or self.committed)
-        if truth.height - truth.lean_m < b.commit_height_m:
+        if truth.height - truth.lean_m < b.commit_height_m or self._is_just_over(truth):
             self.low_t = t
         if low or self.touched or self.hold_since is not None or not self.granted(t):
             self.landing_since = None
@@ -442,6 +443,12 @@ class Evidence:
             self.missing_since = None
         elif self.missing_since is None:
             self.missing_since = t
+
+    def _is_just_over(self, truth: Truth) -> bool:
+        """Tell whether landerd may take the vehicle to be just over the pad."""
+        sinking = max(0.0, truth.velocity[2] - truth.pad_velocity[2])
+        sunk_m = truth.height - _SINKS_ON_S * sinking
+        return sunk_m < self._b.commit_height_m + _HEIGHT_ERROR_M
 
     def is_outrun(self, order: Order) -> bool:
         """Tell whether its velocity is so far off the last ordered one that thrust tips it over."""
@@ -492,8 +499,7 @@ class Evidence:
         if t < closed_t or not (self.armed and self.guided):
             self._released = None
         elif self._released is None:
-            sinking = max(0.0, truth.velocity[2] - truth.pad_velocity[2])
-            low = truth.height - _SINKS_ON_S * sinking < b.commit_height_m or self.touched
+            low = self._is_just_over(truth) or self.touched
             near = truth.distance < _NEAR_M
             fast = horizontal(truth.pad_velocity) > b.wave_off_pad_mps
             flies = fast and not self.stands(t) and self.flown_t is not None
