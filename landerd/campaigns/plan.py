@@ -78,7 +78,8 @@ class Row(Section):
     goal: Goal = "landing"
     settings: tuple[str, ...] = ()  # KEY=VALUE, as of --set
     days: bool = False  # every seed is another day: tell what those that fail have in common
-    faults: bool = False  # every seed has faults of its own: tell what came of them
+    # Every seed has faults of its own: tell what came of them. low: they begin just over the pad.
+    faults: bool | Literal["low"] = False
     needed: Needed = Needed()
     poses: Poses | None = None  # for this goal
     thesis: Published = Published()

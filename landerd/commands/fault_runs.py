@@ -19,15 +19,14 @@ SHRUNK_SEEDS, SHRUNK_FLIGHTS = 3, 12
 _LEAST_S, _LEAST_SEVERITY = 0.2, 0.05
 
 
-def settings_of(seed: int, faults: Sequence[FaultOptions] | None = None) -> tuple[str, ...]:
-    """Return the settings (KEY=VALUE) for a flight with faults.
+def faults_of(row: Row, seed: int) -> list[FaultOptions]:
+    """Return the faults that a seed draws for a row with faults."""
+    return draw_faults(seed, low=row.faults == "low")
 
-    Args:
-        seed: of the flight; it draws the faults.
-        faults: instead of those drawn; None: those drawn.
-    """
-    drawn = draw_faults(seed) if faults is None else list(faults)
-    return (PILOT, as_setting(drawn))
+
+def settings_of(faults: Sequence[FaultOptions]) -> tuple[str, ...]:
+    """Return the settings (KEY=VALUE) for a flight with these faults."""
+    return (PILOT, as_setting(list(faults)))
 
 
 def command(row: Row, seed: int, faults: Sequence[FaultOptions], overrides: Sequence[str]) -> str:
@@ -39,7 +38,7 @@ def command(row: Row, seed: int, faults: Sequence[FaultOptions], overrides: Sequ
         faults: of the flight.
         overrides: KEY=VALUE, of the campaign's command line.
     """
-    settings = (*row.settings, *overrides, *settings_of(seed, faults))
+    settings = (*row.settings, *overrides, *settings_of(faults))
     sets = " ".join(f"--set {shlex.quote(each)}" for each in settings)
     return f"landerd sim {row.scenario} --seed {seed} {sets}"
 
@@ -63,7 +62,7 @@ def shrink(
     def fails(faults: Sequence[FaultOptions]) -> bool:
         return bool(kinds & set(failures(fly(faults))))
 
-    least = shrunk(draw_faults(run.seed), fails, _lesser, SHRUNK_FLIGHTS)
+    least = shrunk(faults_of(row, run.seed), fails, _lesser, SHRUNK_FLIGHTS)
     return {
         "scenario": row.name,
         "seed": run.seed,

@@ -20,7 +20,7 @@ from landerd.campaigns.journal import Journal
 from landerd.campaigns.plan import Campaign, Row
 from landerd.campaigns.pool import Executor, Run, RunOne, Task, error_line, run_all
 from landerd.campaigns.table import has_failed_to_land
-from landerd.commands.fault_runs import settings_of
+from landerd.commands.fault_runs import faults_of, settings_of
 from landerd.commands.shared import file_name, refusing, tell, whole_number
 from landerd.config.files import Loaded, config_files, default_config
 from landerd.drivers import read_configuration
@@ -86,7 +86,8 @@ class SimulatedLanding:
         Raises:
             ConfigError: the configuration cannot be used.
         """
-        return self.load_with(row, seed, settings_of(seed) if row.faults else ())
+        settings = settings_of(faults_of(row, seed)) if row.faults else ()
+        return self.load_with(row, seed, settings)
 
     def load_with(self, row: Row, seed: int, settings: Sequence[str]) -> Loaded:
         """Return the configuration of a row for a seed, with settings instead of drawn faults.
@@ -108,7 +109,7 @@ class SimulatedLanding:
         """Fly a row with a seed, with these faults instead of those that the seed draws."""
         from landerd.simulation.flight import simulate
 
-        loaded = self.load_with(row, seed, settings_of(seed, faults))
+        loaded = self.load_with(row, seed, settings_of(faults))
         try:
             result = simulate(loaded, row.name, seed, longest_s=self.campaign.longest_s)
         except Exception as e:

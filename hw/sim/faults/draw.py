@@ -10,15 +10,19 @@ _TOGETHER = 0.5  # share of these in which the second begins within _SECOND_AFTE
 _LASTS_S = (0.2, 10.0)
 _SECOND_AFTER_S = 3.0
 _LATEST_S, _HIGHEST_M = 15.0, 3.0
+# Of faults just over the pad: share that begins with the phase LANDED, within the time, s; and
+# below which height, m, the others begin.
+_IN_LANDED, _LANDED_AFTER_S, _LOW_M = 0.6, 0.8, 0.5
 
 
-def draw_faults(seed: int) -> list[FaultOptions]:
-    """Return the faults of the flight with this seed."""
+def draw_faults(seed: int, *, low: bool = False) -> list[FaultOptions]:
+    """Return the faults of the flight with this seed; low: those that begin just over the pad."""
     rng = Random(f"{seed}:faults")
-    first = _drawn(rng, _onset(rng))
+    onset = _low_onset if low else _onset
+    first = _drawn(rng, onset(rng))
     if rng.random() >= _PAIRS:
         return [first]
-    at = _onset(rng)
+    at = onset(rng)
     if rng.random() < _TOGETHER:
         after_s = _rounded(first.at.after_s + rng.uniform(0.0, _SECOND_AFTER_S))
         at = first.at.model_copy(update={"after_s": after_s})
@@ -57,6 +61,13 @@ def _onset(rng: Random) -> OnsetOptions:
     if kind == "height":
         return OnsetOptions(height_m=_rounded(rng.uniform(0.0, _HIGHEST_M)))
     return OnsetOptions(time_s=_rounded(rng.uniform(0.5, _LATEST_S)))
+
+
+def _low_onset(rng: Random) -> OnsetOptions:
+    if rng.random() < _IN_LANDED:
+        after_s = _rounded(rng.uniform(0.0, _LANDED_AFTER_S))
+        return OnsetOptions.model_validate({"phase": "LANDED", "after_s": after_s})
+    return OnsetOptions(height_m=_rounded(rng.uniform(0.0, _LOW_M)))
 
 
 def _rounded(x: float) -> float:

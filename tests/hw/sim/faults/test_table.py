@@ -31,6 +31,15 @@ def test_every_fault_is_drawn_alone_and_in_pairs() -> None:
         assert drawn == FAULTS.keys()
 
 
+def test_low_faults_begin_in_the_last_half_metre_or_just_after_commit() -> None:
+    drawn = [fault for seed in range(2000) for fault in draw_faults(seed, low=True)]
+    assert {fault.fault for fault in drawn} == FAULTS.keys()
+    for at in (fault.at for fault in drawn):
+        is_low = at.height_m is not None and at.height_m <= 0.5
+        assert is_low or at.phase == "LANDED"
+        assert at.after_s <= 3.8  # of a second fault up to 3 s more
+
+
 def test_the_false_ground_station_changes_parameters_that_there_are() -> None:
     assert {name.decode() for name in PARAMETERS} <= parameters().keys()
 
