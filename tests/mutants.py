@@ -1062,6 +1062,14 @@ MUTANTS = [
         "::test_levelled_for_a_second_it_goes_down_with_its_deck_but_does_not_fall",
     ),
     Mutant(
+        "1b: climbs from the pad after a restart of the autopilot",
+        LEAVING,
+        "if is_unknown and self._touchdown.has_touched:",
+        "if False:",
+        "guidance/test_landing.py"
+        "::test_it_stays_there_too_when_the_autopilot_restarts_just_after_the_touch",
+    ),
+    Mutant(
         "4: told to climb as its feet arrive",
         COMMITTED,
         "if comes and self.takes_touch(step.now)",

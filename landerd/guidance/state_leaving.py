@@ -20,6 +20,10 @@ THRUST_BACK_S, LIFTED_S = 0.45, 2.5
 # 0.3 s after commit, and one of these tipped over. With this, on none; two hopped, as they were
 # levelled while their thrust was coming back.
 RESTS_DOWN_S = 0.15
+# The same where contact was noted before and the pad is unknown, as after a restart of the
+# autopilot, s. Of 7 vehicles with such a restart in the last half metre 3 stayed there, told to
+# climb for a second without thrust and then to stop: they hopped, or tipped over.
+RESTS_UNKNOWN_S = 0.2
 
 
 class Leaving:
@@ -76,6 +80,8 @@ class Leaving:
                 self._note_contact(step.now, vehicle, MAX_CONTACT_HEIGHT_M)
             elif rests_s >= RESTS_DOWN_S:
                 self._note_contact(step.now, vehicle, 0.0)
+            if rests_s >= RESTS_UNKNOWN_S:
+                self._keep_contact(step.now)
             level_due(self._context, self._touchdown, step, vehicle)
         stands = rests and self._touchdown.stands
         waited_s = step.now - self._began
@@ -124,3 +130,9 @@ class Leaving:
         if not self._touchdown.has_touched:
             context.footprint.touch(relative, pad.heading)
         self._touchdown.settle(self._rests_since)
+
+    def _keep_contact(self, now: float) -> None:
+        """Take contact that was noted for certain where the pad is unknown since."""
+        is_unknown = self._context.estimator.pad(now) is None and not self._flies_on
+        if is_unknown and self._touchdown.has_touched:
+            self._touchdown.settle(self._rests_since)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from landerd.config.models import Config
-from landerd.geometry import Vec3, horizontal, sub
+from landerd.geometry import Vec3, add, horizontal, sub
 from landerd.guidance.states import State
 from landerd.messages import Phase, RcChannels, Setpoint
 from tests.scripted_flight import HIGH, LOW, Flight
@@ -161,6 +161,8 @@ def test_asked_to_hold_as_it_stands_there_it_is_not_told_that_the_pad_is_not_fou
         flight.tick()
     flight.pulse_us = LOW
     flight.run(0.2)
+    flight.position = add(flight.position, (0.0, 0.0, flight.height))  # a gust sets it down
+    flight.run(0.1)
     flight.pulse_us = MIDDLE
     flight.run(flight.config.guidance.lost.give_up_s + 2.0)
     assert "landerd: no landing possible: pilot, take over" in flight.texts

@@ -736,6 +736,21 @@ def test_a_vehicle_on_the_pad_stays_there_when_the_autopilot_restarts() -> None:
     assert len(flight.pressed) > 10
 
 
+def test_it_stays_there_too_when_the_autopilot_restarts_just_after_the_touch() -> None:
+    """Once, it climbed for a second, and was stopped as it lifted from a pad of 5 m/s."""
+    flight = Flight(pad_velocity=(5.0, 0.0, 0.0)).engaged()
+    flight.detects_landing = False
+    to(flight, State.ON_PAD)
+    flight.restart_autopilot()
+    flight.visible = False
+    restarted_t = flight.t
+    while flight.lander.state is not State.STANDING:
+        assert flight.t < restarted_t + 0.45  # from then on its thrust may lift it
+        tick_on_pad(flight, bounces=False)
+    flight.run(0.5)
+    assert flight.pressed
+
+
 def test_released_as_it_touches_before_that_is_sure_it_is_levelled_once_it_lies_there() -> None:
     """Once, it was stopped there with thrust, and granted again began from a false velocity."""
     flight = Flight()
