@@ -28,6 +28,8 @@ from landerd.pad import PadLayout
 # Duration of the wave-off in `last_orders`, s, which is flown without sight: at climb_mps it gains
 # a metre at most (rule 1b).
 BLIND_WAVE_OFF_S = 1.0
+# Largest share of guidance.release_s for which `last_orders` wait until the vehicle lies on the pad.
+MOST_WAIT = 0.8
 TIPPED = math.radians(30.0)  # lean on the ground; no pad is as steep (pad_filter.MAX_TILT)
 # A vehicle that leans this far, rad, for this long, s, with its feet no higher over the pad as last
 # seen than this, m, turns over on the ground. One that lost a motor 0.11 m up was told to climb for
@@ -155,8 +157,10 @@ class Landing:
             away = Setpoint((north, east, -self._context.options.limits.climb_mps), 0.0)
             return LastOrders(away, BLIND_WAVE_OFF_S, STOPPED, release_s)
         if self.state in {State.ON_PAD, State.STANDING}:
-            wait_s = 0.0 if self.has_stood else self._touchdown.levels_in_s(self._now)
-            return LastOrders(STOPPED, wait_s, PressDown(self._context.heading), release_s)
+            lies_in_s = 0.0 if self.has_stood else self._touchdown.levels_in_s(self._now)
+            wait_s = min(lies_in_s, MOST_WAIT * release_s)
+            level = PressDown(self._context.heading)
+            return LastOrders(STOPPED, wait_s, level, release_s - wait_s)
         return LastOrders(None, 0.0, STOPPED, release_s)
 
     def _event_of(self, authority: Authority) -> Event:
