@@ -993,8 +993,16 @@ MUTANTS = [
     Mutant(
         "1b: stops what has just touched for as long as orders are streamed",
         LANDING,
-        "return LastOrders(STOPPED, wait_s, PressDown(self._context.heading), release_s)",
+        "return LastOrders(STOPPED, wait_s, level, release_s - wait_s)",
         "return LastOrders(None, 0.0, STOPPED, release_s)",
+        "guidance/test_landing.py"
+        "::test_should_the_core_fail_just_after_the_touch_the_vehicle_is_to_stand_level",
+    ),
+    Mutant(
+        "1b: a failed core's last orders go on after guidance.release_s",
+        LANDING,
+        "return LastOrders(STOPPED, wait_s, level, release_s - wait_s)",
+        "return LastOrders(STOPPED, wait_s, level, release_s)",
         "guidance/test_landing.py"
         "::test_should_the_core_fail_just_after_the_touch_the_vehicle_is_to_stand_level",
     ),

@@ -28,7 +28,7 @@ from landerd.pad import PadLayout
 # Duration of the wave-off in `last_orders`, s, which is flown without sight: at climb_mps it gains
 # a metre at most (rule 1b).
 BLIND_WAVE_OFF_S = 1.0
-# Largest share of guidance.release_s for which `last_orders` wait until the vehicle lies on the pad.
+# Largest share of guidance.release_s for which `last_orders` wait until it lies on the pad.
 MOST_WAIT = 0.8
 TIPPED = math.radians(30.0)  # lean on the ground; no pad is as steep (pad_filter.MAX_TILT)
 # A vehicle that leans this far, rad, for this long, s, with its feet no higher over the pad as last
