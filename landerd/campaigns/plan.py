@@ -1,6 +1,5 @@
 """Which landings a campaign flies, and what is asked of them; read from config/campaigns/."""
 
-import difflib
 import itertools
 import json
 import shlex
@@ -13,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from landerd.config.files import ConfigError, config_files, read_model
+from landerd.config.schema import nearest
 from landerd.config.yaml_tree import shown
 from landerd.section import Finite, Positive, Section
 
@@ -247,10 +247,10 @@ def _load(name: str) -> Campaign:
         return campaign
     if name in scenarios:
         return Campaign(rows=(Row(scenario=name),))
-    near = difflib.get_close_matches(name, [*campaigns, *scenarios], n=1, cutoff=0.0)
+    near = nearest(name, [*campaigns, *scenarios])
     raise ConfigError(
         [
-            f"campaign {name!r} is not known; nearest: {near[0]}; all: {', '.join(campaigns)}, "
+            f"campaign {name!r} is not known; nearest: {near}; all: {', '.join(campaigns)}, "
             "every scenario, and any file.yaml"
         ]
     )
@@ -262,7 +262,7 @@ def check_scenarios(names: Iterable[str], path: Path) -> None:
     faults = []
     for name in dict.fromkeys(names):
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
-            faults.append(f"{shown(path)}: scenario {name!r} is not known; nearest: {near[0]}")
+            near = nearest(name, known)
+            faults.append(f"{shown(path)}: scenario {name!r} is not known; nearest: {near}")
     if faults:
         raise ConfigError(faults)

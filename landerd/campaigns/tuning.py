@@ -1,6 +1,5 @@
 """The plan of a search for gains: what it varies, flies and minimises; from config/tunings/."""
 
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from landerd.campaigns.failures import is_feasible
 from landerd.campaigns.plan import Row, check_scenarios
 from landerd.campaigns.pool import Run
 from landerd.config.files import ConfigError, config_files, read_model
+from landerd.config.schema import nearest
 from landerd.config.yaml_tree import put
 from landerd.section import Finite, NotNegative, Section
 
@@ -96,8 +96,8 @@ def load_tuning(name: str) -> Tuning:
     own = config_files("tunings")
     path = Path(name) if name.endswith(".yaml") else own.get(name)
     if path is None:
-        near = difflib.get_close_matches(name, own, n=1, cutoff=0.0)
-        raise ConfigError([f"tuning {name!r} is not known; nearest: {near[0]}; or any file.yaml"])
+        near = nearest(name, own)
+        raise ConfigError([f"tuning {name!r} is not known; nearest: {near}; or any file.yaml"])
     tuning = read_model(path, Tuning)
     check_scenarios(tuning.scenarios, path)
     return tuning

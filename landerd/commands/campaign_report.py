@@ -10,7 +10,7 @@ from landerd.analysis.page import Block, Heading, Lines, Text, as_html, as_markd
 from landerd.campaigns.journal import JournalError, Kept, read_kept
 from landerd.campaigns.plan import Row
 from landerd.campaigns.report import blocks_of
-from landerd.commands.fault_runs import faults_of, settings_of
+from landerd.commands.fault_runs import drawn_settings
 from landerd.commands.shared import InputError, refusing
 from landerd.config.files import ConfigError, default_config
 from landerd.drivers import read_configuration
@@ -93,9 +93,8 @@ def _again(kept: Kept, row: Row, seed: int) -> str:
         row: of the campaign.
         seed: of the flight.
     """
-    faults = settings_of(faults_of(row, seed)) if row.faults else ()
     settings = [word for each in row.settings for word in ("--set", each)]
-    drawn = [word for each in faults for word in ("--set", each)]
+    drawn = [word for each in drawn_settings(row, seed) for word in ("--set", each)]
     words = ("landerd", "sim", row.scenario, "--seed", str(seed))
     return shlex.join([*words, *settings, *kept.plan.command, *drawn])
 

@@ -24,6 +24,11 @@ def faults_of(row: Row, seed: int) -> list[FaultOptions]:
     return draw_faults(seed, low=row.faults == "low")
 
 
+def drawn_settings(row: Row, seed: int) -> tuple[str, ...]:
+    """Return the settings for the faults that a seed draws; none for a row without faults."""
+    return settings_of(faults_of(row, seed)) if row.faults else ()
+
+
 def settings_of(faults: Sequence[FaultOptions]) -> tuple[str, ...]:
     """Return the settings (KEY=VALUE) for a flight with these faults."""
     return (PILOT, as_setting(list(faults)))

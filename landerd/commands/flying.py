@@ -20,7 +20,7 @@ from landerd.campaigns.journal import Journal
 from landerd.campaigns.plan import Campaign, Row
 from landerd.campaigns.pool import Executor, Run, RunOne, Task, error_line, run_all
 from landerd.campaigns.table import has_failed_to_land
-from landerd.commands.fault_runs import faults_of, settings_of
+from landerd.commands.fault_runs import drawn_settings, settings_of
 from landerd.commands.shared import file_name, refusing, tell, whole_number
 from landerd.config.files import Loaded, config_files, default_config
 from landerd.drivers import read_configuration
@@ -86,8 +86,7 @@ class SimulatedLanding:
         Raises:
             ConfigError: the configuration cannot be used.
         """
-        settings = settings_of(faults_of(row, seed)) if row.faults else ()
-        return self.load_with(row, seed, settings)
+        return self.load_with(row, seed, drawn_settings(row, seed))
 
     def load_with(self, row: Row, seed: int, settings: Sequence[str]) -> Loaded:
         """Return the configuration of a row for a seed, with settings instead of drawn faults.

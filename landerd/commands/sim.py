@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import difflib
 import importlib.util
 import logging
 import sys
@@ -28,6 +27,7 @@ from landerd.commands.shared import (
     whole_number,
 )
 from landerd.config.files import Loaded, config_files
+from landerd.config.schema import nearest
 from landerd.pad import PadError
 
 if TYPE_CHECKING:
@@ -131,9 +131,9 @@ def _load(args: argparse.Namespace) -> Loaded:
     """Return the configuration of the scenario. Raises InputError if an argument is wrong."""
     known = config_files("scenarios")
     if args.scenario not in known:
-        near = difflib.get_close_matches(args.scenario, known, n=1, cutoff=0.0)
+        near = nearest(args.scenario, known)
         raise InputError(
-            f"scenario {args.scenario!r} is not known; nearest: {near[0]}; all: {', '.join(known)}"
+            f"scenario {args.scenario!r} is not known; nearest: {near}; all: {', '.join(known)}"
         )
     check_output(args.picture, ".png", "--picture")
     check_output(args.log, ".mcap", "--log")

@@ -2,7 +2,7 @@
 
 import difflib
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from pydantic import BaseModel
@@ -48,7 +48,7 @@ class Schema:
             prefix = f"{dotted(loc[:item])}."
             all_known = [k for block in self._at(loc[:item]) for k in self._keys(block, prefix)]
         candidates = [known for known in all_known if not key.startswith(f"{known}.")]
-        return difflib.get_close_matches(key, candidates, n=1, cutoff=0.0)[0]
+        return nearest(key, candidates)
 
     def _at(self, loc: Loc) -> list[dict[str, Any]]:
         """Return the schemas of a key's variants; none for an unknown key."""
@@ -113,6 +113,11 @@ _BOUNDS = {
     "exclusiveMaximum": "below",
     "maximum": "at most",
 }
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the most similar one of the known names, of which there is at least one."""
+    return difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)[0]
 
 
 def dotted(loc: Loc) -> str:

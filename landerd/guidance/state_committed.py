@@ -96,10 +96,10 @@ class Committed:
             event = Event.CONTACT
         if event is Event.CONTACT:
             self._note_contact(relative, pad.heading, lowest_m)
-        if event is Event.SIGHT_LOST and age <= MAX_BLIND_S:
+        is_lost = event is Event.SIGHT_LOST and age <= MAX_BLIND_S
+        if is_lost and foot_height(relative, vehicle) > -BUILD_ERROR_M:
             # A climb would begin with its feet on the pad, unless that is lower than estimated.
-            comes = foot_height(relative, vehicle) > -BUILD_ERROR_M
-            return Event.CONTACT if comes and self.takes_touch(step.now) else event
+            return self._blind(step.now)
         if event is not None:
             return event
         # From a touch on sight says little: it turns the airframe faster than the direction of the
@@ -136,7 +136,7 @@ class Committed:
             context.orders.say(Severity.WARNING, text)
 
     def _blind(self, now: float) -> Event:
-        """Return the event that follows when telemetry is stale or the pad is unknown.
+        """Return the event that follows when telemetry is stale, or the pad unknown or unseen.
 
         Contact where a foot was touching, or will be down before thrust answers: vehicles that
         were told to climb then were dragged across the plate. Else sight is lost.
