@@ -57,7 +57,8 @@ class Part(Enum):
     WHOLE = "everything"
     MOST = "the ways to look that show most rings; in texture without BROKEN's and FINEST's"
     REST = "the other ways"
-    PLATE = "the outline of the pad's plate"
+    PLATE = "the outline of the pad's plate, without the finest level"
+    PLATE_FINEST = "the same in the finest level"
     # If gravity is known:
     MATCH = "what is on the whole like a level ring, every second size"
     MATCH_BETWEEN = "the same, the sizes between"
@@ -70,7 +71,7 @@ class Part(Enum):
 class RingWork:
     """Counts the work of searching one image after another for one ring.
 
-    A thorough search takes one image for each of its parts: three, in texture five, two more if
+    A thorough search takes one image for each of its parts: four, in texture five, two more if
     gravity is known. A part that costs more than an image may is cut short, and a later image goes
     on with what was not tried. There, places that were refused in the same reduction are not tried
     again; those refused in another one come last, as they may show in this one. So the search comes
@@ -180,7 +181,7 @@ class RingWork:
         """Leave these parts of the search for the next images, one each."""
         if not self.is_continued:
             self._open += parts
-            self.is_spread = Part.FINEST in parts
+            self.is_spread |= Part.FINEST in parts
 
     def leave_match(self) -> None:
         """Leave the matching for two more images, every second size in each.

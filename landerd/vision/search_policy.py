@@ -36,8 +36,8 @@ a camera of 10 frames a second sees a pad that goes by in only a few of them.
 
 A thorough search of the whole image for rings is spread over several frames (`ring_work.Part`):
 
-- Three in most images: the thresholds that show most rings, the other thresholds, and the outline
-  of the pad's plate.
+- Four in most images: the thresholds that show most rings, the outline of the pad's plate, the
+  other thresholds, and last of all the plate's outline in the finest level.
 - Five in an image full of texture: one each for the thresholds that show most, the other
   thresholds, the plate's outline, broken rings, and far rings in the finest level, which the first
   threshold of a quick search skips there too.

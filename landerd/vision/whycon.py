@@ -48,9 +48,11 @@ _LARGE, _OTHERS = dark_between(LARGE_STROKE_PX), dark_between(STROKE_PX)
 _WIDE, _LOW = dark_by_mean(0.86), dark_by_mean(0.55)
 _MATCHED = [SMALLEST_PX * STEP**k for k in range(SIZES)]  # longer diameters of level rings, px
 # Parts of a search that are left for later images, one each, if the first is full of texture:
-# labelling what is dark takes the most time there. Squares are looked for in the next image, beside
-# the part that takes the least.
+# labelling what is dark takes the most time there.
 _IN_TEXTURE = (Part.OTHERS, Part.PLATE, Part.BROKEN, Part.FINEST)
+# The same in other images; PLATE_FINEST comes last. In both, squares are looked for in the next
+# image, beside the part that takes the least.
+_ELSEWHERE = (Part.PLATE, Part.REST)
 
 
 def find_rings(
@@ -114,9 +116,11 @@ def _ways(
     if part is Part.MOST:
         is_dear = any(search.is_textured(*_look(level)) for level in parts[-2:-1])
         if thorough:
-            work.leave(*_IN_TEXTURE if is_dear else (Part.REST, Part.PLATE))
+            work.leave(*_IN_TEXTURE if is_dear else _ELSEWHERE)
         if thorough and search.is_level_known:
             work.leave_match()
+        if thorough and not is_dear:
+            work.leave(Part.PLATE_FINEST)
         if is_dear:
             return
     if part in (Part.WHOLE, Part.MOST, Part.FINEST):
@@ -143,8 +147,8 @@ def _ways_in_whole(search: RingSearch, parts: list[Level], work: RingWork) -> It
         # The finest level by itself: the areas tried are those with the straightest sides, and its
         # texture has straighter ones than a plate in shade and dirt, which the others show better.
         yield search.find_on_plate(parts[:-1] or parts)
-        if not work.is_spread:
-            yield search.find_on_plate(parts[1:][-1:])
+    if work.part in (Part.WHOLE, Part.PLATE_FINEST):
+        yield search.find_on_plate(parts[1:][-1:])
     if work.part in (Part.WHOLE, Part.MATCH):
         yield search.find_matched(_MATCHED[::2])
     if work.part in (Part.WHOLE, Part.MATCH_BETWEEN):
