@@ -116,11 +116,7 @@ def _ways(
     if part is Part.MOST:
         is_dear = any(search.is_textured(*_look(level)) for level in parts[-2:-1])
         if thorough:
-            work.leave(*_IN_TEXTURE if is_dear else _ELSEWHERE)
-        if thorough and search.is_level_known:
-            work.leave_match()
-        if thorough and not is_dear:
-            work.leave(Part.PLATE_FINEST)
+            _leave_parts(search, work, is_dear=is_dear)
         if is_dear:
             return
     if part in (Part.WHOLE, Part.MOST, Part.FINEST):
@@ -133,6 +129,15 @@ def _ways(
         yield search.find_clear([(level, dark_in_small) for level in parts[-2:]])
     if is_whole:
         yield from _ways_in_whole(search, parts, work)
+
+
+def _leave_parts(search: RingSearch, work: RingWork, *, is_dear: bool) -> None:
+    """Leave the other parts of a search for later images, the likelier to show a ring first."""
+    work.leave(*_IN_TEXTURE if is_dear else _ELSEWHERE)
+    if search.is_level_known:
+        work.leave_match()
+    if not is_dear:
+        work.leave(Part.PLATE_FINEST)
 
 
 def _ways_in_whole(search: RingSearch, parts: list[Level], work: RingWork) -> Iterator[bool]:
