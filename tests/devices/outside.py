@@ -6,6 +6,7 @@ would be, its devices are handed out.
 
 import asyncio
 import contextlib
+import math
 import struct
 import time
 from collections.abc import AsyncIterator, Sequence
@@ -134,7 +135,7 @@ async def flying(
     simulation = Simulation(loaded, seed, realtime=True)
     simulation.process.daemon = cast(Daemon, Handover(simulation, url, SocketCamera.path))
     simulation._beside.remove(simulation.stand_in.open_gate)
-    run = asyncio.create_task(simulation.run(longest_s=600.0))
+    run = asyncio.create_task(simulation.run(longest_s=math.inf))
     try:
         yield simulation
     finally:
