@@ -22,7 +22,15 @@ from landerd.config.files import config_dir, config_files, own_or
 from landerd.pad import Marker, PadError, PadLayout, load_pad, size_m
 from landerd.preflight.configuration import pad_findings
 from landerd.printing.contours import plate_size_mm, reaching_out
-from landerd.printing.measured import RULER, length_m, marker_names, measured, pad_file
+from landerd.printing.measured import (
+    RULER,
+    came_out,
+    length_m,
+    marker_names,
+    measured,
+    pad_file,
+    was_measured,
+)
 from landerd.printing.page import Document
 from landerd.printing.pdf import LARGEST_MM, pdf
 from landerd.printing.proposal import View, propose
@@ -224,12 +232,14 @@ def _layout(args: argparse.Namespace, view: View) -> PadLayout:
 
     Raises:
         PadError: it cannot be read or proposed, or the measured lengths cannot be used.
-        InputError: the pad is unknown, does not fit its plate, or a length is given twice.
+        InputError: the pad is unknown, does not fit its plate, or would be scaled twice; a length
+            is given twice.
     """
     if args.side is not None:
         return propose(args.side, args.seen_from, view)
     name = _DEFAULT_PAD if args.pad is None else args.pad
-    layout = load_pad(pad_path(name))
+    path = pad_path(name)
+    layout = load_pad(path)
     for marker in reaching_out(layout):
         raise InputError(f"{name}: the {marker.kind} reaches over the plate's edge; see plate:")
     for finding in pad_findings(layout):
@@ -240,6 +250,11 @@ def _layout(args: argparse.Namespace, view: View) -> PadLayout:
     lengths_m = dict(args.measured)
     if len(lengths_m) < len(args.measured):
         raise InputError("--measured: one thing is given twice; give the mean")
+    if RULER in lengths_m and was_measured(path.read_text(encoding="utf-8")):
+        raise InputError(
+            f"{name}: was measured already, {RULER} would scale it again; name the pad as it was "
+            "printed"
+        )
     printed_m = {name: size_m(marker) for name, marker in marker_names(layout).items()}
     printed_m[RULER] = RULER_MM / 1e3
     layout = measured(layout, lengths_m)
@@ -257,7 +272,7 @@ def _file_text(args: argparse.Namespace, layout: PadLayout) -> str:
     if args.side is not None:
         return pad_file(layout, ["Proposed by landerd. Measure the print: landerd pad --measured."])
     found = ", ".join(f"{what} {1e3 * length:g} mm" for what, length in args.measured)
-    return pad_file(layout, [f"{args.pad or _DEFAULT_PAD} as it came out: {found}"])
+    return pad_file(layout, [came_out(args.pad or _DEFAULT_PAD, found)])
 
 
 def _check_new(path: Path, text: str) -> None:

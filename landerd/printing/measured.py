@@ -13,6 +13,7 @@ RULER = "ruler"
 _LARGEST_FACTOR = 2.0  # between what was printed and what was measured; beyond it is a slip
 _IN_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _DECIMALS = 6  # of lengths in a file: a micrometre
+_CAME_OUT = "as it came out: "  # in the remark of a pad file that was measured
 
 
 def length_m(text: str) -> float:
@@ -84,6 +85,16 @@ def _scaled(data: dict[str, Any], factor: float) -> dict[str, Any]:
 
 def _size_key(marker: Mapping[str, Any]) -> str:
     return "size_m" if "size_m" in marker else "outer_diameter_m"
+
+
+def came_out(name: str, found: str) -> str:
+    """Return the remark that heads a pad file made from another by what was found on its print."""
+    return f"{name} {_CAME_OUT}{found}"
+
+
+def was_measured(text: str) -> bool:
+    """Tell whether a pad file's text says that its sizes were measured on a print."""
+    return any(_CAME_OUT in line for line in text.splitlines() if line.startswith("#"))
 
 
 def pad_file(layout: PadLayout, remarks: Sequence[str]) -> str:

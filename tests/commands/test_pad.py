@@ -225,12 +225,32 @@ def test_a_pad_file_is_not_scaled_twice(tmp_path: Path, capsys: pytest.CaptureFi
     said(capsys, mine, *measured, printed)
     said(capsys, mine, *measured, printed)  # of the same print: the same file
     before = Path(printed).read_text(), Path(mine).read_text()
-    for pad, output in ((printed, printed), (mine, mine), ("thesis", printed)):
+    for pad, output in ((mine, mine), ("thesis", printed)):
         assert main(["pad", pad, *measured, output]) == 2
         assert capsys.readouterr().err == (
             f"{output}: exists already, with other contents; choose another -o\n"
         )
     assert before == (Path(printed).read_text(), Path(mine).read_text())
+    again = str(tmp_path / "again.yaml")
+    for output in (printed, again):
+        assert main(["pad", printed, *measured, output]) == 2
+        assert capsys.readouterr().err == (
+            f"{printed}: was measured already, ruler would scale it again; name the pad as it was "
+            "printed\n"
+        )
+    assert before == (Path(printed).read_text(), Path(mine).read_text())
+    assert not Path(again).exists()
+
+
+def test_single_markers_are_measured_on_a_pad_that_the_ruler_scaled(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    by_ruler, mine = tmp_path / "by-ruler.yaml", tmp_path / "mine.yaml"
+    said(capsys, "thesis", "--measured", "ruler=99.2mm", "-o", by_ruler)
+    said(capsys, by_ruler, "--measured", "whycon=994mm", "-o", mine)
+    after = load_pad(mine)
+    assert after.rings[0].outer_diameter_m == pytest.approx(0.994)
+    assert after.squares[0].size_m == pytest.approx(0.31)
 
 
 def test_a_markers_own_measured_size_takes_precedence_over_the_ruler(
