@@ -30,6 +30,8 @@ OTHERS_S, OTHERS_AIRBORNE_S = 1.0, 0.2
 # What wind, gusts and the lag of the inner loops may add to what is ordered.
 _SPEED_SHARE, _SPEED_MPS, _ACCELERATION_MPS2, _LEAN_DEG = 1.2, 1.0, 6.0, 15.0
 _LIKELY_LEAN_DEG = 45.0  # where no ANGLE_MAX is given
+# A stop takes no longer than the autopilot's braking does, and this much to begin and to settle, s.
+_STOPS_S = 2.0
 
 
 @dataclass
@@ -51,11 +53,12 @@ class Promise(NamedTuple):
     within_s: float
     finding: str
     is_kept: Callable[["SafetyMonitor"], bool]
+    stops: bool = False  # it may fly fast, and stop as slowly as its autopilot brakes
 
 
 PROMISES = (  # the first whose words are in a text counts
     Promise("holding over", 6.0, "told to hold over the pad, and it does not", lambda m: m.stays),
-    Promise("holding", 6.0, "told to hold, and it does not hover", lambda m: m.hovers),
+    Promise("holding", 6.0, "told to hold, and it does not hover", lambda m: m.hovers, stops=True),
     Promise("climbing away", 1.0, "told to climb away, and it sinks", lambda m: not m.sinks),
     Promise("landed and disarmed", 0.0, "told to have landed, and it flies", lambda m: m.stands),
     Promise("beside the pad", 0.0, "told to have missed, and it stands on it", lambda m: m.missed),
@@ -150,7 +153,11 @@ class SafetyMonitor:
             return
         promise = promises[0]
         if promise.within_s > 0.0:
-            self._promise = (t + promise.within_s, promise)
+            within_s = promise.within_s
+            if promise.stops:
+                speed_mps = norm(self._world.vehicle.velocity)
+                within_s = max(within_s, speed_mps / self._b.braking_mps2 + _STOPS_S)
+            self._promise = (t + within_s, promise)
         elif not promise.is_kept(self):  # nothing may come after it: neither text nor step
             self._find(t, promise.finding)
 

@@ -255,6 +255,16 @@ def test_a_text_to_the_pilot_that_does_not_come_true_is_a_finding(
     assert [each for each in watched.found if each.startswith("told")] == [finding] * bool(finding)
 
 
+def test_a_fast_vehicle_may_take_as_long_to_hover_as_its_autopilot_brakes() -> None:
+    watched = Watched(replace(BOUNDS, braking_mps2=0.5), altitude_m=12.0)
+    watched.order((3.0, 0.0, 0.0), 4.0)
+    watched.monitor.on_text(watched.world.t, "landerd: attitude is stale, holding")
+    watched.order((2.0, 0.0, 0.0), 7.5)
+    assert watched.found == []
+    watched.order((2.0, 0.0, 0.0), 1.0)
+    assert watched.found == ["told to hold, and it does not hover"]
+
+
 @pytest.mark.parametrize(("speed_mps", "found"), [(3.0, False), (0.0, True)])
 def test_holding_over_a_moving_pad_includes_moving_with_it(speed_mps: float, found: bool) -> None:
     watched = Watched(altitude_m=12.0, pad={"speed_mps": 3.0})
