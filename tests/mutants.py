@@ -379,6 +379,14 @@ MUTANTS = [
         "test_lander.py::test_with_the_pad_out_of_sight_it_holds_climbs_and_hands_back_and_says_so",
     ),
     Mutant(
+        "1b: a clock that is set back keeps the switch away",
+        "hw/autopilots/mavlink.py",
+        "and boot_s > last_boot_s:",
+        "and False:",
+        "hw/autopilots/test_mavlink.py"
+        "::test_a_clock_that_is_set_back_does_not_keep_the_pilots_switch_away",
+    ),
+    Mutant(
         "1b: the switch's old position overtakes its new one",
         GATE,
         "if rc.t < self._rc_t:",

@@ -133,7 +133,8 @@ class MavlinkAutopilot:
         self._disarmed_until = -math.inf
         self._clock = BootClock()
         self._restarts = RestartDetector()
-        self._last_t: dict[int, float] = {}  # by message id
+        # Boot time and loop time of the newest stamped message, s, by message id.
+        self._newest: dict[int, tuple[float, float]] = {}
         self._timesync_sent: deque[int] = deque(maxlen=10)  # ns, the newest requests
         self._timesync_due = self._ask_due = 0.0
 
@@ -336,10 +337,14 @@ class MavlinkAutopilot:
         if not self._note_boot(boot_s, now):
             return None
         t = self._clock.place(boot_s, now)
-        if t <= self._last_t.get(m.get_msgId(), -math.inf):
+        kind = m.get_msgId()
+        last_boot_s, last_t = self._newest.get(kind, (-math.inf, -math.inf))
+        if kind == mavlink.MAVLINK_MSG_ID_RC_CHANNELS and boot_s > last_boot_s:
+            t = max(t, last_t)  # a clock that was set back must not keep the pilot's switch away
+        elif t <= last_t:
             self._drop("out of order", now)
             return None
-        self._last_t[m.get_msgId()] = t
+        self._newest[kind] = boot_s, t
         return t
 
     def _note_boot(self, boot_s: float, now: float, *, is_answer: bool = False) -> bool:

@@ -196,10 +196,17 @@ def test_two_stamps_that_fit_each_other_are_a_restart() -> None:
     assert len([m for m in got if isinstance(m, AutopilotRestarted)]) == 1
 
 
-@pytest.mark.parametrize("up_s", [100.0, 2.0**32 / 1e3 + 100.0, 3.0 * 2.0**32 / 1e3 + 5.0])
-def test_the_clock_is_known_however_long_the_autopilot_was_up(up_s: float) -> None:
-    """Time stamps have 32 bits and wrap after 49.7 days; answers to TIMESYNC do not."""
-    got: list[object] = []
+def streamed(
+    make: Callable[[float], Message], boot_s: Callable[[float], float], seconds: float
+) -> list[tuple[float, AutopilotMessage]]:
+    """What the driver makes of a message sent 50 times a second, and when.
+
+    Args:
+        make: the message for a loop time, s.
+        boot_s: what the autopilot answers to TIMESYNC at a loop time, s.
+        seconds: for so long.
+    """
+    got: list[tuple[float, AutopilotMessage]] = []
 
     async def main() -> None:
         loop = asyncio.get_running_loop()
@@ -208,30 +215,60 @@ def test_the_clock_is_known_however_long_the_autopilot_was_up(up_s: float) -> No
 
         async def receive() -> None:
             while True:
-                got.append(await driver.receive())
+                message = await driver.receive()
+                got.append((loop.time(), message))
 
         async def answer() -> None:
             while True:
                 for m in codec.decode(await there.read()):
                     if m.get_type() == "TIMESYNC" and m.tc1 == 0:
-                        boot_ns = round((up_s + loop.time()) * 1e9)
+                        boot_ns = round(boot_s(loop.time()) * 1e9)
                         sent = mavlink.MAVLink_timesync_message(boot_ns, m.ts1)
                         there.write(codec.encode(sent))
 
         await driver.open()
         await there.open()
         tasks = [asyncio.create_task(work()) for work in (receive, answer)]
-        for i in range(400):
+        for _ in range(round(50 * seconds)):
             await asyncio.sleep(0.02)
-            boot_ms = round((up_s + loop.time()) * 1e3) & 0xFFFFFFFF
-            there.write(codec.encode(attitude(boot_ms, roll=1e-3 * i)))
+            there.write(codec.encode(make(loop.time())))
         for task in tasks:
             task.cancel()
 
     run_virtual(main())
-    assert sum(isinstance(m, ClockSync) for m in got) >= 5
-    assert sum(isinstance(m, Attitude) for m in got) >= 395
-    assert not any(isinstance(m, AutopilotRestarted) for m in got)
+    return got
+
+
+@pytest.mark.parametrize("up_s", [100.0, 2.0**32 / 1e3 + 100.0, 3.0 * 2.0**32 / 1e3 + 5.0])
+def test_the_clock_is_known_however_long_the_autopilot_was_up(up_s: float) -> None:
+    """Time stamps have 32 bits and wrap after 49.7 days; answers to TIMESYNC do not."""
+
+    def boot_s(t: float) -> float:
+        return up_s + t
+
+    got = streamed(lambda t: attitude(round(boot_s(t) * 1e3) & 0xFFFFFFFF), boot_s, 8.0)
+    assert sum(isinstance(m, ClockSync) for _, m in got) >= 5
+    assert sum(isinstance(m, Attitude) for _, m in got) >= 395
+    assert not any(isinstance(m, AutopilotRestarted) for _, m in got)
+
+
+def test_a_clock_that_is_set_back_does_not_keep_the_pilots_switch_away() -> None:
+    """By answers to TIMESYNC that jump ahead, what comes now seems older than what came before."""
+    set_back_t, low_t = 3.5, 3.75  # known by 3.66 s
+
+    def switch(t: float) -> Message:
+        pulse_us = 1100 if t > low_t else 1900
+        return mavlink.MAVLink_rc_channels_message(round(t * 1e3), 18, *[pulse_us] * 18, 255)
+
+    got = streamed(switch, lambda t: t + 0.4 * (t > set_back_t), 8.0)
+    channels = [(t, m) for t, m in got if isinstance(m, RcChannels)]
+    assert min(t - m.t for t, m in channels) >= 0.0
+    assert max(t - m.t for t, m in channels) > 0.3  # it was set back
+    assert all(a.t <= b.t for (_, a), (_, b) in pairwise(channels))
+    assert min(t for t, m in channels if m.channels_us[10] == 1100) == pytest.approx(
+        low_t, abs=0.03
+    )
+    assert len(channels) >= 399
 
 
 def test_a_restart_of_the_autopilot_is_told_and_its_streams_come_back() -> None:
