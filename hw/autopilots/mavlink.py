@@ -85,7 +85,8 @@ class MavlinkAutopilot:
     telemetry from that system's autopilot (component 1) only, and parameter messages and commands
     from the configured ground stations only; all other messages are counted and ignored. TIMESYNC
     converts time_boot_ms stamps to the event loop's clock; messages without that stamp get their
-    time of arrival. A message that is not newer than the last one of its kind is dropped.
+    time of arrival. A message that is not newer than the last one of its kind is dropped (RC
+    channels: by the autopilot's clock, which may be found to have been set back).
 
     Attributes:
         counters: number of messages dropped, lost on the way or refused, by kind.
