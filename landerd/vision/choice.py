@@ -33,6 +33,9 @@ _MAX_CHI2_PER_MARKER = 30.0
 # increase of chi-square by one more marker then: it is smaller, so that the least bend is found
 # under which the marker's six errors are as large as stated.
 _BENDS_PX, _MAX_CHI2_BENT = (0.25, 0.5, 1.0, 2.0), 12.0
+# What a plate seen about a ring counts for, in markers: more than one that should be in view and is
+# not, as it may be covered, and less than two.
+_TOLD_COUNTS = 1.5
 # Rings at least this wide, px, and wholly in the image are found 99 times of 100.
 _ALWAYS_FOUND_PX = 16.0
 # Two outlines are of the same thing if their centres are nearer than the first, a share of the
@@ -74,7 +77,7 @@ def choose(
         if len(candidates) < 2 or _agree(poses, len(candidates)):
             return candidates, poses
     best: tuple[list[Candidate], list[PoseSolution]] = ([], [])
-    best_score: tuple[float, bool, float] | None = None
+    best_score: tuple[float, bool, int, float, float] | None = None
     for seed in sorted(candidates, key=_uncertainty)[:_MAX_SEEDS]:
         group, poses = _consensus(seed, candidates, errors, prior)
         if not poses:
@@ -82,12 +85,47 @@ def choose(
         off = 0.0 if expected is None else float(np.linalg.norm(expected - poses[0].position))
         decoded = any(c.sighting.id is not None for c in group)
         missing = 0 if decoded else _count_missing(group, poses[0], layout, camera)
-        score = (float(len(group) - missing), decoded, -off)
+        is_told = not all(c.may_be_another for c in group)
+        counts = len(group) - missing + _TOLD_COUNTS * is_told
+        score = (counts, decoded, len(group), -off, -poses[0].cost)
         if best_score is None or score > best_score:
             best, best_score = (group, poses), score
-    if len(best[0]) == 1 < len(candidates) and best[0][0].sighting.id is not None:
-        return _bent_consensus(best[0][0], candidates, camera, errors, prior) or best
+    if len(best[0]) != 1 or len(candidates) == 1:
+        return best
+    alone = best[0][0]
+    if alone.sighting.id is not None:
+        return _bent_consensus(alone, candidates, camera, errors, prior) or best
+    is_told = expected is not None or not alone.may_be_another
+    if not is_told and _is_ambiguous(alone, candidates, layout, camera):
+        return [alone], []
     return best
+
+
+def _is_ambiguous(
+    alone: Candidate, candidates: list[Candidate], layout: PadLayout, camera: CameraModel
+) -> bool:
+    """Tell whether the outline of a ring may as well be that of another ring of the pad.
+
+    It may not where that one would surely be seen with the others.
+    """
+    return any(
+        c.marker != alone.marker
+        and same_outline(c.sighting, alone.sighting)
+        and not _would_show_others(c, layout, camera)
+        for c in candidates
+    )
+
+
+def _would_show_others(c: Candidate, layout: PadLayout, camera: CameraModel) -> bool:
+    """Tell whether a ring is so far off that another of the pad is in view whatever the heading."""
+    pose = c.sighting.solutions[0]
+    R = rotation_from(np.array(pose.normal))
+    for ring in layout.rings:
+        reach = math.dist(ring.position_m, c.marker.position_m) + ring.radius_m
+        points = np.array(pose.position) + circle(reach) @ R[:, :2].T
+        if ring != c.marker and _is_surely_found(camera, points, ring.radius_m / reach):
+            return True
+    return False
 
 
 def _bent_consensus(
@@ -174,10 +212,11 @@ def _no_two_alike(candidates: list[Candidate]) -> bool:
 
 
 def _are_alike(a: Candidate, b: Candidate) -> bool:
-    return a.marker == b.marker or _same_outline(a.sighting, b.sighting)
+    return a.marker == b.marker or same_outline(a.sighting, b.sighting)
 
 
-def _same_outline(a: MarkerSighting, b: MarkerSighting) -> bool:
+def same_outline(a: MarkerSighting, b: MarkerSighting) -> bool:
+    """Tell whether two sightings in one image are of the same thing."""
     (x, y, width, height), (u, v, breadth, length) = box(a.outline_px), box(b.outline_px)
     small, large = sorted((max(width, height), max(breadth, length)))
     return math.hypot(x - u, y - v) < _SAME_MIDDLE * small and large < _SAME_SIZE * small
@@ -205,9 +244,14 @@ def _count_missing(
         points = np.array(pad.position) + (circle(ring.radius_m) + np.array(ring.position_m)) @ (
             R[:, :2].T
         )
-        if points[:, 2].min() < MIN_DEPTH_M:
-            continue
-        px = camera.pixels(points)
-        inside = px.min() > 0 and bool((px < (camera.width - 1, camera.height - 1)).all())
-        missing += inside and float(np.ptp(px, axis=0).min()) > _ALWAYS_FOUND_PX
+        missing += _is_surely_found(camera, points)
     return missing
+
+
+def _is_surely_found(camera: CameraModel, points: F64, share: float = 1.0) -> bool:
+    """Tell whether a ring would be found, that is as large as a share of the circle (n, 3), m."""
+    if points[:, 2].min() < MIN_DEPTH_M:
+        return False
+    px = camera.pixels(points)
+    inside = px.min() > 0 and bool((px < (camera.width - 1, camera.height - 1)).all())
+    return inside and share * float(np.ptp(px, axis=0).min()) > _ALWAYS_FOUND_PX

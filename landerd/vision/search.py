@@ -7,6 +7,7 @@ searched in the whole image; squares round the rings that were found. The pixels
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision import search_policy as policy
 from landerd.vision.arrays import Image
+from landerd.vision.choice import same_outline
 from landerd.vision.detectors import Detectors
 from landerd.vision.expected import Expected
 from landerd.vision.linear import inverse, length, trace
@@ -241,10 +243,15 @@ class Search:
             vouched=self._vouched,
         )
 
-    def _refusal(self, image: Image, ring: Ring) -> Refusal:
-        """Return the test by which a search refuses rings that lack the pad's plate."""
+    def _refusal(self, image: Image, ring: Ring, found: Sequence[MarkerSighting] = ()) -> Refusal:
+        """Return the test by which a search refuses rings that lack the pad's plate.
+
+        And those with the outline of one found already: the search is to go on to other outlines.
+        """
 
         def is_bare(sighting: MarkerSighting) -> bool:
+            if any(same_outline(sighting, other) for other in found):
+                return True
             # Squares first: they are looked for in any case, and take less time than the plate.
             if self._squares_round(image, ring, sighting):
                 return False
@@ -270,10 +277,29 @@ class Search:
                 down=down,
                 thorough=thorough,
                 work=work,
-                refuses=self._refusal(image, ring),
+                refuses=self._refusal(image, ring, [s for _, s in rings]),
             )
             rings += [(ring, s) for s in self._large_enough(found)]
-        return rings
+        return rings + self._as_others(image, rings, down)
+
+    def _as_others(
+        self, image: Image, rings: list[FoundRing], down: Vec3 | None
+    ) -> list[FoundRing]:
+        """Return each ring found as each other ring of the pad that it may be instead.
+
+        Rings that differ only in size look alike: `choice` takes those that agree with each other.
+        """
+        as_others = []
+        for ring, sighting in rings:
+            pose = sighting.solutions[0]
+            for other in self._layout.rings:
+                if other == ring:
+                    continue
+                at = np.array(pose.position) * (other.radius_m / ring.radius_m)
+                seen = self._detectors.track_ring(image, other, at, np.array(pose.normal), down)
+                if seen is not None and not self._refusal(image, other)(seen):
+                    as_others.append((other, seen))
+        return as_others
 
     def _large_enough(self, rings: list[MarkerSighting]) -> list[MarkerSighting]:
         """Return the first `_RINGS_KEPT` of the rings that are at least min_ring_px across."""

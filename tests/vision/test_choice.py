@@ -61,6 +61,50 @@ def test_a_ring_is_not_taken_for_the_one_of_two_whose_neighbour_would_be_in_view
     assert np.allclose(poses[0].position, (0.0, 0.0, 0.6))
 
 
+def of_two_rings(large_north_m: float, small_north_m: float) -> PadLayout:
+    """Return a pad of two rings that differ only in size, one of them at the landing point."""
+    large = Ring(kind="whycon", outer_diameter_m=0.6, position_m=(large_north_m, 0.0))
+    small = Ring(kind="whycon", outer_diameter_m=0.15, position_m=(small_north_m, 0.0))
+    plate = Plate(north_m=0.9, south_m=0.4, east_m=0.4, west_m=0.4)
+    return PadLayout(name="two", markers=(large, small), plate=plate)
+
+
+def seen_of(layout: PadLayout, distance: float, seed: int, shown: PadLayout) -> tuple[bool, float]:
+    """Return whether a still of what is shown shows the layout's pad, and the error, m."""
+    rng = np.random.default_rng(seed)
+    view = look(
+        THESIS_CAMERA,
+        distance,
+        rng.uniform(0.0, 0.6),
+        pixel=(THESIS_CAMERA.cx + rng.uniform(-60, 60), THESIS_CAMERA.cy + rng.uniform(-40, 40)),
+        heading=rng.uniform(0.0, 6.0),
+    )
+    image = render(view, THESIS_CAMERA, Optics(background="grass"), rng, shown)
+    pad = Vision(layout, THESIS_CAMERA, VisionSection()).search_still(Frame(0.0, 0, image)).pad
+    return bool(pad), math.dist(pad[0].position, view.position) if pad else 0.0
+
+
+@pytest.mark.parametrize("distance", [1.25, 1.75])
+@pytest.mark.parametrize(("large_north_m", "small_north_m"), [(0.0, 0.5), (0.5, 0.0)])
+def test_a_large_ring_is_not_taken_for_the_small_one_beside_it(
+    distance: float, large_north_m: float, small_north_m: float
+) -> None:
+    """A pad 1.5 m away was seen at 0.4 m: the search ended with the large ring, for either."""
+    layout = of_two_rings(large_north_m, small_north_m)
+    for seed in range(4):
+        is_seen, error_m = seen_of(layout, distance, seed, layout)
+        assert is_seen
+        assert error_m < 0.03
+
+
+def test_a_large_ring_alone_is_not_taken_for_the_small_one_that_is_covered() -> None:
+    layout = of_two_rings(0.5, 0.0)
+    shown = layout.model_copy(update={"markers": layout.markers[:1]})
+    for seed in range(1, 6):
+        _, error_m = seen_of(layout, 1.5, seed, shown)
+        assert error_m < 0.15
+
+
 def wobbling(image: U8, period: float, phase: float) -> U8:
     """Return a picture whose rows a vibration has moved by 2 px; a period in rows, a phase, rad."""
     y, x = np.indices(image.shape, dtype=np.float32)
