@@ -223,7 +223,10 @@ FAULTS: Mapping[str, FaultKind] = {
     "search-raises": FaultKind("computer", "an error in the search nobody foresaw"),
     "core-raises": FaultKind("computer", "an error in the core nobody foresaw", ends=False),
     "sending-raises": FaultKind(
-        "computer", "an error in the autopilot's driver nobody foresaw", True, _SILENT
+        "computer",
+        "an error in the autopilot's driver nobody foresaw",
+        True,
+        (*_SILENT, *_UNHEARD),
     ),
     "disk-full": FaultKind("computer", "nothing can be recorded"),
     "disk-slow": FaultKind(

@@ -27,6 +27,7 @@ ANOTHER_S = 0.1  # feet up for longer: the next touch is judged by itself
 # Flown by others, or by nobody after them, for longer they have tipped it over; or for so long
 # before the first foot was down, s: it is their stop that a pad that drives tips it over with.
 OTHERS_S, OTHERS_AIRBORNE_S = 1.0, 0.2
+OURS_S = 3.0  # an order is flown for so long; then ArduCopter hovers, even over a deck that rises
 # What wind, gusts and the lag of the inner loops may add to what is ordered.
 _SPEED_SHARE, _SPEED_MPS, _ACCELERATION_MPS2, _LEAN_DEG = 1.2, 1.0, 6.0, 15.0
 _LIKELY_LEAN_DEG = 45.0  # where no ANGLE_MAX is given
@@ -95,7 +96,7 @@ class SafetyMonitor:
         self.worst = Worst()
         self._world, self._feet, self._b, self._flies = world, feet, bounds, flies
         self._others_fly = others_fly
-        self._ours_t = world.t  # last, that landerd's order was flown, or it had disarmed
+        self._ours_t = world.t  # last, that landerd's young order was flown, or it had disarmed
         lean = world.options.airframe.angle_max_deg or _LIKELY_LEAN_DEG
         self._lean = math.radians(lean + _LEAN_DEG)
         self._order: Order | None = None
@@ -170,7 +171,8 @@ class SafetyMonitor:
         flies = self._flies()
         if not flies:
             self._order, self._taken_over_mps = None, math.inf
-        if self._order is not None or not (flies or self._others_fly()):
+        is_ours = self._order is not None and world.t - self._order.t < OURS_S
+        if is_ours or not (flies or self._others_fly()):
             self._ours_t = world.t
         tilt = math.hypot(vehicle.roll, vehicle.pitch)
         self._by_others &= self.touches

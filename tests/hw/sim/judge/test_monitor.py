@@ -124,6 +124,17 @@ def test_a_vehicle_that_others_set_down_on_a_driving_pad_is_not_blamed_on_lander
     assert "tipped over 30 degrees" not in watched.found
 
 
+@pytest.mark.parametrize(("silent_s", "by_others"), [(1.0, False), (4.5, True)])
+def test_landerd_does_not_tip_over_what_hovers_long_after_it_fell_silent(
+    silent_s: float, *, by_others: bool
+) -> None:
+    watched = Watched(pad={"speed_mps": 8.0}).order((8.0, 0.0, 0.0), 5.0)
+    watched.order((8.0, 0.0, 0.0), silent_s, told=False)
+    watched.order((0.0, 0.0, 0.6), 3.0, told=False)
+    assert ("tipped over in the hands of others" in watched.found) is by_others
+    assert ("tipped over 30 degrees" in watched.found) is not by_others
+
+
 def test_a_vehicle_that_lies_there_as_landerd_takes_it_back_was_tipped_over_by_others() -> None:
     watched = Watched(pad={"speed_mps": 8.0}).order((8.0, 0.0, 0.0), 5.0)
     while not all(watched.world.vehicle.feet):
