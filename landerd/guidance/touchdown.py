@@ -71,6 +71,9 @@ MAX_TILT = 1.0  # rad, the largest tilt that is counted: no multicopter flies wi
 LEVEL_AFTER_S = 0.6
 LEVEL_STILL_S = 0.55
 LEVEL_AT_LATEST_S = 2.5
+# The same while nothing is known of how it moves: pressed down for longer, with the velocity that
+# it had as that was last known, one tipped over on a pad that turned, and one slid 0.7 m in wind.
+LEVEL_UNKNOWN_S = 1.0
 
 # What counts as standing still; chosen by trial in wind together with the times above.
 STILL_S = 0.3  # how long
@@ -210,6 +213,7 @@ class Touchdown:
         self._held_down = -math.inf
         self._contact_t: float | None = None
         self._down_t = -math.inf  # from when on a foot is down, s
+        self._known_t = -math.inf  # when its motion was last known after contact, s
         # Time, s, and sink rate that the vehicle would have in the air at that time, m/s.
         self._in_air: tuple[float, float] | None = None
         self._measured_mps = math.inf  # sink rate last measured before contact
@@ -440,6 +444,7 @@ class Touchdown:
             tips: thrust tips the vehicle over, or drags it off.
             released: landerd may not fly on, and a vehicle that stands is no longer pressed down.
         """
+        self._known_t = now
         if self.turned_over:
             return True
         if self._lifts(now, motion) and (self._level or not tips):
@@ -574,10 +579,10 @@ class Touchdown:
     def without_data(self, now: float, landed: Landed, *, released: bool = False) -> bool:
         """Tell whether to stand level while nothing is known of how the vehicle moves.
 
-        A vehicle that stood counts as standing. One that has been pressed down for long is on the
-        pad, and levelled: with thrust left, wind drags it off. So is one that stands when landerd
-        may not fly on: it is no longer pressed down then, and would be given thrust for want of
-        data.
+        A vehicle that stood counts as standing. One that has been pressed down for a second is on
+        the pad, and levelled: with thrust left, wind drags it off. So is one that stands when
+        landerd may not fly on: it is no longer pressed down then, and would be given thrust for
+        want of data.
 
         Args:
             now: s; called at every control step from contact on without fresh data.
@@ -586,7 +591,8 @@ class Touchdown:
         """
         self.stands = self.stands or self._confirmed(now, landed)
         self._flies_since = math.inf
-        has_settled = self._contact_t is not None and now - self._contact_t > LEVEL_AT_LATEST_S
+        since = math.inf if self._contact_t is None else max(self._contact_t, self._known_t)
+        has_settled = now - since > LEVEL_UNKNOWN_S
         if has_settled or (released and self.stands):
             self.settle(now)
         return self._level
