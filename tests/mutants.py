@@ -951,6 +951,21 @@ MUTANTS = [
         "guidance/test_landing.py::test_pressed_down_for_long_without_data_it_stands_level",
     ),
     Mutant(
+        "4: presses on with thrust for seconds for want of data",
+        TOUCHDOWN,
+        "LEVEL_UNKNOWN_S = 1.0",
+        "LEVEL_UNKNOWN_S = LEVEL_AT_LATEST_S",
+        "guidance/test_landing.py::test_pressed_down_for_long_without_data_it_stands_level",
+    ),
+    Mutant(
+        "2: a deck that was seen to heave from higher up counts as standing",
+        BELOW,
+        "is_near = relative.height < HEAVE_SEEN_M",
+        "is_near = self.low",
+        "guidance/test_landing.py"
+        "::test_to_a_deck_that_heaved_as_it_was_seen_from_3_m_it_sinks_more_slowly",
+    ),
+    Mutant(
         "4: drives on as the pad did that has stopped, when data are stale",
         BELOW,
         "if not self.carries:",

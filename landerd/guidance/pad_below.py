@@ -18,6 +18,10 @@ JUST_OVER_PAD_M = 0.20
 FAST_PAD_MPS = 0.5
 SINKS_ON_S = 0.1  # a descent goes on for this long at least, whatever is ordered
 STOPS_OVER_PAD_M = 0.10  # height at the end of a stop at which a foot of a leaning vehicle touches
+# Height below which a deck's heave counts, m; higher up errors of the range look like heave. Down
+# from the alignment height only, one that had heaved at 0.3 m/s for 8 s was taken to stand where,
+# 1 m up, the estimate missed its reversal by 3 sigma: it was met faster than the timeout stops.
+HEAVE_SEEN_M = 4.0
 # A vehicle that stands and is slower than the pad was by this, m/s, has slid off, or its pad has
 # braked: the pad is looked for and followed again.
 LEFT_BEHIND_MPS = 1.5
@@ -40,8 +44,8 @@ class PadBelow:
         low: whether the vehicle was below the alignment height when the pad was last in sight.
         may_touch: whether it was so low then that a foot of a leaning vehicle may all but touch.
         velocity: of the pad, as last seen, or as followed from contact on, local NED, m/s.
-        fastest_heave: largest vertical speed of the pad that was certain while the vehicle was low
-            over it, m/s.
+        fastest_heave: largest vertical speed of the pad that was certain while the vehicle was
+            below HEAVE_SEEN_M over it, m/s.
     """
 
     def __init__(
@@ -88,7 +92,8 @@ class PadBelow:
         self.velocity = relative.pad_velocity
         self._course_rate = relative.course_rate
         surely = abs(relative.pad_velocity[2]) - 2.0 * relative.sigma_heave
-        self.fastest_heave = max(self.fastest_heave, surely) if self.low else 0.0
+        is_near = relative.height < HEAVE_SEEN_M
+        self.fastest_heave = max(self.fastest_heave, surely) if is_near else 0.0
 
     def leave(self) -> None:
         """Note that the vehicle has climbed away: it is not just over the pad any more."""
@@ -111,7 +116,7 @@ class PadBelow:
 
     @property
     def heaves(self) -> bool:
-        """Whether the pad certainly heaved while the vehicle was low over it."""
+        """Whether the pad certainly heaved while the vehicle was below HEAVE_SEEN_M over it."""
         return self.fastest_heave > 0.0
 
     def heave(self, now: float) -> tuple[float, float]:
