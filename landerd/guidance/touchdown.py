@@ -211,7 +211,8 @@ class Touchdown:
         self._still_since = math.inf  # since when it has not slid either, s
         # Lowest place of the feet, over the pad's local z, where something held it up, m.
         self._held_down = -math.inf
-        self._contact_t: float | None = None
+        self._contact_t: float | None = None  # of the last touch
+        self._first_touch_t = math.inf
         self._down_t = -math.inf  # from when on a foot is down, s
         self._known_t = -math.inf  # when its motion was last known after contact, s
         # Time, s, and sink rate that the vehicle would have in the air at that time, m/s.
@@ -330,6 +331,7 @@ class Touchdown:
         if self._contact_t is not None:
             return
         self._contact_t, self._down_t = t, t + comes_s
+        self._first_touch_t = t
         if self._in_air is not None:
             at, in_air = self._in_air
             self._in_air = at, clamp(self._measured_mps, in_air - IN_AIR_ERROR_MPS, in_air)
@@ -600,9 +602,11 @@ class Touchdown:
     def unconfirmed(self, now: float, landed: Landed) -> bool:
         """Tell whether land detector or disarming have been awaited for too long after contact.
 
-        Without contact the time counts from commit, a second earlier: wrong velocities may hide it.
+        The time counts from the first touch: lifted and pressed down again and again, a vehicle
+        may never be confirmed. Without contact it counts from commit, a second earlier: wrong
+        velocities may hide it.
         """
-        since = self._began if self._contact_t is None else self._contact_t
+        since = self._began if self._contact_t is None else self._first_touch_t
         is_late = now - since > self._timeout_s
         return is_late and (landed is not Landed.ON_GROUND or self.is_refused(now))
 

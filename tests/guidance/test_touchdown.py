@@ -562,6 +562,16 @@ def test_the_more_it_leans_the_quicker_all_feet_are_to_be_down() -> None:
     assert touchdown.descent(0.0) == GENTLE
 
 
+def test_a_vehicle_that_is_lifted_and_pressed_down_again_is_unconfirmed_as_soon() -> None:
+    touchdown = Touchdown(Config())
+    touchdown.begin(10.0)
+    touchdown.touch(11.0)
+    for k in range(4):
+        touchdown.press(12.0 + k)
+    assert not touchdown.unconfirmed(15.9, Landed.IN_AIR)
+    assert touchdown.unconfirmed(16.1, Landed.IN_AIR)
+
+
 def test_a_commit_that_shows_no_contact_for_long_is_unconfirmed_too() -> None:
     touchdown = make_touchdown()
     touchdown.begin(10.0)
