@@ -325,7 +325,7 @@ MUTANTS = [
     Mutant(
         "4: never says that touch-down is not confirmed",
         TOUCHDOWN,
-        "return is_late and (landed is not Landed.ON_GROUND or self.is_refused(now))",
+        "return not self.has_touched or landed is not Landed.ON_GROUND or self.is_refused(now)",
         "return False",
         "test_4_without_on_ground_it_keeps_pressing_and_tells_the_pilot",
     ),
@@ -951,6 +951,29 @@ MUTANTS = [
         "guidance/test_landing.py::test_pressed_down_for_long_without_data_it_stands_level",
     ),
     Mutant(
+        "4: notices no contact that wrong velocities hide",
+        "landerd/guidance/rest_detector.py",
+        "return now - min(self._since, self._unchanged_since) >= RESTS_HIGHER_S",
+        "return now - self._since >= RESTS_HIGHER_S",
+        "guidance/test_landing.py::test_sight_shows_a_touch_down_that_wrong_velocities_hide",
+    ),
+    Mutant(
+        "4: a velocity that is wrong keeps it from being levelled",
+        TOUCHDOWN,
+        "is_slow = is_slow or now - self._moved_t > UNMOVED_S",
+        "pass",
+        "guidance/test_touchdown.py"
+        "::test_a_vehicle_that_stands_is_levelled_whatever_its_autopilot_says_of_its_velocity",
+    ),
+    Mutant(
+        "6: on the ground without contact, the pilot is told nothing",
+        TOUCHDOWN,
+        "return not self.has_touched or landed is not",
+        "return landed is not",
+        "guidance/test_touchdown.py"
+        "::test_a_commit_that_shows_no_contact_for_long_is_unconfirmed_too",
+    ),
+    Mutant(
         "4: presses on with thrust for seconds for want of data",
         TOUCHDOWN,
         "LEVEL_UNKNOWN_S = 1.0",
@@ -1388,8 +1411,8 @@ MUTANTS = [
     Mutant(
         "4: climbs from a pad on which it only seems not to stand",
         "landerd/guidance/rest_detector.py",
-        "low_s >= RESTS_S or higher_s >= RESTS_HIGHER_S",
-        "low_s >= RESTS_S",
+        "return now - min(self._since, self._unchanged_since) >= RESTS_HIGHER_S",
+        "return now - self._unchanged_since >= RESTS_HIGHER_S",
         "guidance/test_landing.py::"
         "test_a_landing_begun_on_feet_that_seem_to_be_over_the_pad_ends_there",
     ),

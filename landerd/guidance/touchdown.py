@@ -99,6 +99,11 @@ REBOUND_MPS, REBOUND_M = 0.5, 0.015
 # it sank as fast as in the air to within 0.03 m/s.
 PRESSED_DOWN_SHARE = 0.3
 
+# Nor does it sink, whatever its autopilot says of its velocity, while its height has not changed by
+# the first, m, for the second, s. With a constant error of 0.35 m/s it was not levelled for 12 s,
+# and the wind that it leaned against dragged it 0.9 m.
+MOVES_M, UNMOVED_S = 0.015, 0.4
+
 # A vehicle that has lain flat for STILL_S but slides, no faster than this, m/s, is levelled if it
 # leaned by more than this before the touch, rad, or if landerd may not fly on. Measured: while more
 # lean is asked for, ArduCopter keeps half of the thrust of hover to steer with, and a vehicle so
@@ -214,6 +219,8 @@ class Touchdown:
         self._contact_t: float | None = None  # of the last touch
         self._first_touch_t = math.inf
         self._down_t = -math.inf  # from when on a foot is down, s
+        # Where the feet last stood by the autopilot's heights, local z, m, and since when, s.
+        self._stood_m, self._moved_t = math.inf, math.inf
         self._known_t = -math.inf  # when its motion was last known after contact, s
         # Time, s, and sink rate that the vehicle would have in the air at that time, m/s.
         self._in_air: tuple[float, float] | None = None
@@ -500,13 +507,18 @@ class Touchdown:
         climbing, it is the pad.
         """
         self._note_sinking(now, motion)
+        if now - self._moved_t > UNMOVED_S:
+            return True
         held_up_mps = self._sink_rate_in_air(now, motion.sink_rate, ordered) - motion.sink_rate
         told_up = ordered <= 0.0
         return told_up or held_up_mps > PRESSED_DOWN_SHARE * self._descent_mps
 
     def _note_sinking(self, now: float, motion: ContactMotion) -> None:
         """Note whether it sinks faster than the deck may be sinking, if that sinks at all."""
+        if abs(motion.feet_down - self._stood_m) > MOVES_M:
+            self._stood_m, self._moved_t = motion.feet_down, now
         is_slow = _sink_over_deck(motion) < CONTACT_SINK_SHARE * self._descent_mps
+        is_slow = is_slow or now - self._moved_t > UNMOVED_S
         self._note_slow(now, is_slow=is_slow)
         if is_slow:
             self._held_down = max(self._held_down, motion.feet_down - motion.pad_down)
@@ -607,8 +619,9 @@ class Touchdown:
         velocities may hide it.
         """
         since = self._began if self._contact_t is None else self._first_touch_t
-        is_late = now - since > self._timeout_s
-        return is_late and (landed is not Landed.ON_GROUND or self.is_refused(now))
+        if now - since <= self._timeout_s:
+            return False
+        return not self.has_touched or landed is not Landed.ON_GROUND or self.is_refused(now)
 
 
 def _sink_over_deck(motion: ContactMotion) -> float:

@@ -1316,9 +1316,18 @@ def test_the_pilot_is_told_of_a_touch_down_that_wrong_velocities_hide() -> None:
     to(flight, State.COMMITTED)
     while flight.contact_t is None:
         flight.tick()
-    flight.run(5.5)
-    assert flight.lander.state is State.COMMITTED
+    flight.run(6.5)
     assert any("touch-down not confirmed" in text for text in flight.texts)
+
+
+def test_sight_shows_a_touch_down_that_wrong_velocities_hide() -> None:
+    """With ON_GROUND said it stood under thrust for ever, and was not disarmed."""
+    flight = Drifting().engaged()
+    to(flight, State.COMMITTED)
+    while flight.contact_t is None:
+        flight.tick()
+    flight.run(2.5)
+    assert not flight.armed
 
 
 class Drifting(Flight):
