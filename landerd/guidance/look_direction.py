@@ -8,7 +8,7 @@ from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3, add, dot, rotate, scale, sub, transpose, unit
+from landerd.geometry import Vec3, add, dot, norm, rotate, scale, sub, transpose, unit
 from landerd.pad import Marker, PadLayout, Ring, size_m
 
 # Largest angle between markers, rad, at which they count as in one picture: chosen by hand for the
@@ -18,6 +18,10 @@ MAX_GROUP_ANGLE = math.radians(50.0)
 # computer has searched the pictures with it in the centre.
 GLANCE_S = 1.0
 MIN_RANGE_M = 0.05  # nearer than this the pad has no direction
+# Nearer than this, m, the lens does not lead by the pad's vertical velocity. Where pictures are
+# stamped late, the lens's turning looks like just that: 80 ms late, over a tag seen at a flat angle
+# they swung each other up to 1.3 m/s, and a vehicle climbed away that stood on the pad.
+NEAR_M = 1.0
 
 
 class LookDirection:
@@ -65,7 +69,10 @@ class LookDirection:
         if base is None:
             return None
         pivot, R_local_base = base
-        to_pad = sub(add(pad.position, scale(pad.velocity, lead_s)), pivot)
+        north, east, down = pad.velocity
+        is_near = norm(sub(pad.position, pivot)) < NEAR_M
+        velocity = (north, east, 0.0 if is_near else down)
+        to_pad = sub(add(pad.position, scale(velocity, lead_s)), pivot)
         look = to_pad if pad.heading is None else self._look(to_pad, pad.heading)
         if dot(look, look) < MIN_RANGE_M * MIN_RANGE_M:
             return None

@@ -22,7 +22,15 @@ WIDE_PAD = PadLayout(
 )
 
 
-def looked(layout: PadLayout, below: float, heading: float | None, *, pitch: float = 0.0) -> Vec3:
+def looked(
+    layout: PadLayout,
+    below: float,
+    heading: float | None,
+    *,
+    pitch: float = 0.0,
+    velocity: Vec3 = (0.0, 0.0, 0.0),
+    lead_s: float = 0.0,
+) -> Vec3:
     """Direction to look in from straight above a pad."""
     config = Config(vehicle=VehicleSection(camera_offset_m=(0.0, 0.0, 0.0)))
     poses = PoseHistory(config)
@@ -31,7 +39,7 @@ def looked(layout: PadLayout, below: float, heading: float | None, *, pitch: flo
     pad = PadEstimate(
         t=1.0,
         position=(0.0, 0.0, 0.0),
-        velocity=(0.0, 0.0, 0.0),
+        velocity=velocity,
         covariance=IDENTITY,
         sigma_velocity=0.1,
         sigma_heave=0.1,
@@ -40,7 +48,7 @@ def looked(layout: PadLayout, below: float, heading: float | None, *, pitch: flo
         turn_rate=0.0,
         normal=(0.0, 0.0, 1.0),
     )
-    direction = LookDirection(layout).direction(poses, pad, 0.0)
+    direction = LookDirection(layout).direction(poses, pad, lead_s)
     assert direction is not None
     return direction
 
@@ -55,6 +63,16 @@ def test_from_afar_it_looks_at_the_middle_of_all_markers() -> None:
 def test_just_above_the_pad_it_looks_at_the_marker_that_tells_the_heading() -> None:
     direction = looked(WIDE_PAD, 0.3, 0.0)
     assert math.degrees(math.atan2(direction[0], direction[2])) == pytest.approx(67.0, abs=3.0)
+
+
+def test_just_above_the_pad_it_does_not_follow_it_up_and_down() -> None:
+    """With pictures stamped 80 ms late, aim and estimate swung each other up there."""
+    still, rising = (looked(WIDE_PAD, 0.3, 0.0, velocity=(0, 0, v), lead_s=0.1) for v in (0, -1))
+    assert rising == pytest.approx(still)
+    still, rising = (looked(WIDE_PAD, 3.0, 0.0, velocity=(0, 0, v), lead_s=0.1) for v in (0, -1))
+    assert rising != pytest.approx(still, abs=0.001)
+    still, driven = (looked(WIDE_PAD, 0.3, 0.0, velocity=(v, 0, 0), lead_s=0.1) for v in (0, 1))
+    assert driven != pytest.approx(still, abs=0.001)
 
 
 def test_without_a_heading_it_looks_at_the_landing_point() -> None:
