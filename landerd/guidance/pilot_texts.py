@@ -5,6 +5,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | when | severity | text |
 |---|---|---|
 | landerd does not fly, or without sight, or for a while without own data | WARNING | the reason |
+| landerd may fly and does not begin, again after REMIND_S | WARNING | the reason |
 | a phase of the landing begins | NOTICE | the phase, where there is room, and the reason |
 | the landing has gone on for RESUMED_S, the pad in sight again | NOTICE | phase and reason |
 | it is where the pilot asked to hold | NOTICE | HOLDING_OVER |
@@ -91,7 +92,7 @@ OLD_SIGHT_CLIMBING = "pictures too old, climbing again"
 MANY_REFUSED = "many sightings refused: camera, gimbal?"
 LATE_PICTURES = "pictures come late: camera, computer?"
 WRONG_CLIMB_RATE = "climb rate wrong: EKF?"  # the height says otherwise
-UNFOLLOWED = "ordered {ordered:.0f} m/s, flies {flown:.0f}: autopilot?"
+UNFOLLOWED = "flies {off:.1f} m/s off its orders: autopilot?"
 
 # ---- out of sight ------------------------------------------------------------------------------
 STALE: Mapping[str, str] = {  # by Estimator.stale

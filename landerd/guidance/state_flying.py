@@ -209,7 +209,7 @@ class Tracking:
         if off <= UNFOLLOWED_MPS or off <= UNFOLLOWED_SHARE * norm(ordered):
             self._followed_t = now
         elif now - self._followed_t > UNFOLLOWED_S:
-            text = pilot_texts.UNFOLLOWED.format(flown=norm(flown), ordered=norm(ordered))
+            text = pilot_texts.UNFOLLOWED.format(off=off)
             self._context.orders.say(Severity.WARNING, text)
             self._followed_t = now  # as the figures change `say` would repeat it at once
 

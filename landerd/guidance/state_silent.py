@@ -2,9 +2,10 @@
 
 import math
 
+from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.states import Event
-from landerd.messages import Phase
+from landerd.messages import Phase, Severity
 
 
 class Silent:
@@ -26,6 +27,8 @@ class Silent:
                 return Event.PAD_IN_SIGHT
             why = context.why_not_begun(step.now)
         context.orders.enter(Phase.NOT_LANDING, why)
+        if step.granted:
+            context.orders.say(Severity.WARNING, why, every_s=pilot_texts.REMIND_S)
         return None
 
 
