@@ -218,7 +218,9 @@ FAULTS: Mapping[str, FaultKind] = {
         "pilot", "the autopilot restarts in flight", False, in_sitl=False
     ),
     # -- the computer ------------------------------------------------------------------------------
-    "loop-stalls": FaultKind("computer", "the daemon stands still for 0.1 to 3 s", False, _SILENT),
+    "loop-stalls": FaultKind(
+        "computer", "the daemon stands still for 0.1 to 3 s", False, (*_SILENT, *_UNHEARD)
+    ),
     "search-slow": FaultKind("computer", "searching a picture takes 0.1 to 3 s"),
     "search-raises": FaultKind("computer", "an error in the search nobody foresaw"),
     "core-raises": FaultKind("computer", "an error in the core nobody foresaw", ends=False),
