@@ -7,7 +7,7 @@ wind-8 and wind-12.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from landerd.config.models import Config
 from landerd.geometry import clamp
@@ -99,10 +99,10 @@ REBOUND_MPS, REBOUND_M = 0.5, 0.015
 # it sank as fast as in the air to within 0.03 m/s.
 PRESSED_DOWN_SHARE = 0.3
 
-# Nor does it sink, whatever its autopilot says of its velocity, while its height has not changed by
-# the first, m, for the second, s. With a constant error of 0.35 m/s it was not levelled for 12 s,
-# and the wind that it leaned against dragged it 0.9 m.
-MOVES_M, UNMOVED_S = 0.015, 0.4
+# Time over which the autopilot's heights are differenced, s. Its velocity counts as wrong by as
+# much as it said on average that it sinks faster: with 0.35 m/s too much a vehicle was not levelled
+# for 12 s, and the wind that it leaned against dragged it 0.9 m.
+HEIGHTS_S = 0.5
 
 # A vehicle that has lain flat for STILL_S but slides, no faster than this, m/s, is levelled if it
 # leaned by more than this before the touch, rad, or if landerd may not fly on. Measured: while more
@@ -204,7 +204,6 @@ class Touchdown:
 
     def begin(self, now: float) -> None:
         """Start afresh, with a landing and again at commit, at time now (s)."""
-        self._began = now
         self._watch_from = now + ANSWER_S
         # Orders of the last ANSWER_S: time, s, and sink rate relative to the pad, m/s.
         self._ordered: list[tuple[float, float]] = []
@@ -217,10 +216,11 @@ class Touchdown:
         # Lowest place of the feet, over the pad's local z, where something held it up, m.
         self._held_down = -math.inf
         self._contact_t: float | None = None  # of the last touch
-        self._first_touch_t = math.inf
+        # Since when the land detector is awaited, s: the first touch, or commit.
+        self._awaited_since = now
         self._down_t = -math.inf  # from when on a foot is down, s
-        # Where the feet last stood by the autopilot's heights, local z, m, and since when, s.
-        self._stood_m, self._moved_t = math.inf, math.inf
+        # Lately: time, s, the feet's local z, m, and measured sink rate, m/s.
+        self._sunk: list[tuple[float, float, float]] = []
         self._known_t = -math.inf  # when its motion was last known after contact, s
         # Time, s, and sink rate that the vehicle would have in the air at that time, m/s.
         self._in_air: tuple[float, float] | None = None
@@ -338,7 +338,7 @@ class Touchdown:
         if self._contact_t is not None:
             return
         self._contact_t, self._down_t = t, t + comes_s
-        self._first_touch_t = t
+        self._awaited_since = t
         if self._in_air is not None:
             at, in_air = self._in_air
             self._in_air = at, clamp(self._measured_mps, in_air - IN_AIR_ERROR_MPS, in_air)
@@ -506,19 +506,27 @@ class Touchdown:
         Told to climb, a vehicle that has touched counts as pressed down: if anything keeps it from
         climbing, it is the pad.
         """
+        motion = replace(motion, sink_rate=self._sink_rate(now, motion))
         self._note_sinking(now, motion)
-        if now - self._moved_t > UNMOVED_S:
-            return True
         held_up_mps = self._sink_rate_in_air(now, motion.sink_rate, ordered) - motion.sink_rate
         told_up = ordered <= 0.0
         return told_up or held_up_mps > PRESSED_DOWN_SHARE * self._descent_mps
 
+    def _sink_rate(self, now: float, motion: ContactMotion) -> float:
+        """Return the measured sink rate less by what the autopilot's heights say is wrong, m/s."""
+        if not math.isfinite(motion.sink_rate):
+            return motion.sink_rate
+        self._sunk = [each for each in self._sunk if each[0] > now - HEIGHTS_S]
+        self._sunk.append((now, motion.feet_down, motion.sink_rate))
+        (t, down, _), count = self._sunk[0], len(self._sunk)
+        if now - t < 0.5 * HEIGHTS_S:
+            return motion.sink_rate
+        said = sum(rate for _, _, rate in self._sunk) / count
+        return motion.sink_rate - max(0.0, said - (motion.feet_down - down) / (now - t))
+
     def _note_sinking(self, now: float, motion: ContactMotion) -> None:
         """Note whether it sinks faster than the deck may be sinking, if that sinks at all."""
-        if abs(motion.feet_down - self._stood_m) > MOVES_M:
-            self._stood_m, self._moved_t = motion.feet_down, now
         is_slow = _sink_over_deck(motion) < CONTACT_SINK_SHARE * self._descent_mps
-        is_slow = is_slow or now - self._moved_t > UNMOVED_S
         self._note_slow(now, is_slow=is_slow)
         if is_slow:
             self._held_down = max(self._held_down, motion.feet_down - motion.pad_down)
@@ -618,8 +626,7 @@ class Touchdown:
         may never be confirmed. Without contact it counts from commit, a second earlier: wrong
         velocities may hide it.
         """
-        since = self._began if self._contact_t is None else self._first_touch_t
-        if now - since <= self._timeout_s:
+        if now - self._awaited_since <= self._timeout_s:
             return False
         return not self.has_touched or landed is not Landed.ON_GROUND or self.is_refused(now)
 

@@ -95,8 +95,8 @@ def choose(
     alone = best[0][0]
     if alone.sighting.id is not None:
         return _bent_consensus(alone, candidates, camera, errors, prior) or best
-    is_told = expected is not None or not alone.may_be_another
-    if not is_told and _is_ambiguous(alone, candidates, layout, camera):
+    is_unknown = expected is None and alone.may_be_another
+    if is_unknown and _is_ambiguous(alone, candidates, layout, camera):
         return [alone], []
     return best
 

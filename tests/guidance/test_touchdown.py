@@ -414,7 +414,7 @@ def test_a_slow_vehicle_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_a
         sinks += (heave + GENTLE - sinks) * DT / 1.0
         # It keeps so near to the deck as nobody can tell.
         assert not any(
-            standing.level(DT, sinks=heave, sink_rate=sinks, heave=heave, sigma_heave=0.1)
+            standing.level(DT, sinks=sinks, sink_rate=sinks, heave=heave, sigma_heave=0.1)
         )
     # Now the deck has it, and carries it on.
     assert standing.level(2.0, sinks=0.3, sink_rate=0.3, heave=0.3, sigma_heave=0.1)[-1]
@@ -430,14 +430,14 @@ def test_a_vehicle_that_rose_late_with_a_deck_is_not_levelled_over_it_as_both_tu
         touchdown.watch(t, (_sinks(t), _ordered(t)), _heaves(t), unsure=0.2)
         touchdown.step(t, 0.2, -0.03, Landed.IN_AIR)
         assert t < 0.8
-    down = 0.0
+    feet = pad = 0.0
     while _sinks(t) < _heaves(t) + 0.2:
         t += DT
-        down += _heaves(t) * DT
+        feet, pad = feet + _sinks(t) * DT, pad + _heaves(t) * DT
         moves = replace(
             STILL,
-            feet_down=down,
-            pad_down=down,
+            feet_down=feet,
+            pad_down=pad,
             sink_rate=_sinks(t),
             heave=_heaves(t),
             sigma_heave=0.1,
