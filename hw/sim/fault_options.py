@@ -62,6 +62,7 @@ _SEEN_TURNED = (*_SEEN_ASIDE, "2: a downward set-point with the heading off")
 # No order arrives: the vehicle flies the last one until the autopilot's timeout stops it, even with
 # its feet on a driving pad.
 _UNHEARD = ("ground contact off the pad", "tipped over 30 degrees")
+_CUT_OFF = (*_SILENT, *_UNHEARD)
 # Another flight mode begins with a stop, which tips over a vehicle standing on a driving pad.
 _LED_AWAY = ("tipped over in the hands of others",)
 # With wrong velocities, orders meant to go with the pad move the vehicle across it.
@@ -186,7 +187,7 @@ FAULTS: Mapping[str, FaultKind] = {
     ),
     "timesync-late": FaultKind("telemetry", "answers to TIMESYNC come 20 to 400 ms late"),
     # -- link --------------------------------------------------------------------------------------
-    "link-cut": FaultKind("link", "the device is gone", True, (*_SILENT, *_UNHEARD)),
+    "link-cut": FaultKind("link", "the device is gone", True, _CUT_OFF),
     "link-dead-up": FaultKind("link", "nothing reaches the autopilot", True, _UNHEARD),
     "link-dead-down": FaultKind("link", "nothing comes from the autopilot"),
     "link-lossy": FaultKind("link", "2 to 50 % is lost, either way"),
@@ -218,17 +219,12 @@ FAULTS: Mapping[str, FaultKind] = {
         "pilot", "the autopilot restarts in flight", False, in_sitl=False
     ),
     # -- the computer ------------------------------------------------------------------------------
-    "loop-stalls": FaultKind(
-        "computer", "the daemon stands still for 0.1 to 3 s", False, (*_SILENT, *_UNHEARD)
-    ),
+    "loop-stalls": FaultKind("computer", "the daemon stands still for 0.1 to 3 s", False, _CUT_OFF),
     "search-slow": FaultKind("computer", "searching a picture takes 0.1 to 3 s"),
     "search-raises": FaultKind("computer", "an error in the search nobody foresaw"),
     "core-raises": FaultKind("computer", "an error in the core nobody foresaw", ends=False),
     "sending-raises": FaultKind(
-        "computer",
-        "an error in the autopilot's driver nobody foresaw",
-        True,
-        (*_SILENT, *_UNHEARD),
+        "computer", "an error in the autopilot's driver nobody foresaw", True, _CUT_OFF
     ),
     "disk-full": FaultKind("computer", "nothing can be recorded"),
     "disk-slow": FaultKind(

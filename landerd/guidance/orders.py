@@ -123,8 +123,12 @@ class Orders:
 
     # ---- for the pilot -------------------------------------------------------------------------
 
-    def enter(self, phase: Phase, reason: str) -> None:
-        """Set phase and reason; tell the pilot a new phase, and outside a landing a new reason."""
+    def enter(self, phase: Phase, reason: str, *, reminds: bool = False) -> None:
+        """Set phase and reason; tell the pilot a new phase, and outside a landing a new reason.
+
+        Outside a landing the reason is told again after REMIND_S if it asks for the switch, or if
+        `reminds` says so.
+        """
         is_out = phase is Phase.NOT_LANDING
         if is_out:
             self._resumed_t = math.inf
@@ -134,7 +138,7 @@ class Orders:
             self.commands.append(PhaseChange(phase, reason))
             news = (Severity.NOTICE, _of_phase(phase, reason))
             self._news = (Severity.WARNING, reason) if is_out else news
-        elif is_out and pilot_texts.asks_for_switch(reason):
+        elif is_out and (reminds or pilot_texts.asks_for_switch(reason)):
             self.say(Severity.WARNING, reason, every_s=pilot_texts.REMIND_S)
         elif self._now - self._resumed_t >= pilot_texts.RESUMED_S:
             self._resumed_t, self._news = math.inf, (Severity.NOTICE, _of_phase(phase, reason))

@@ -2,10 +2,9 @@
 
 import math
 
-from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.states import Event
-from landerd.messages import Phase, Severity
+from landerd.messages import Phase
 
 
 class Silent:
@@ -26,9 +25,7 @@ class Silent:
             if context.may_begin(step.now):
                 return Event.PAD_IN_SIGHT
             why = context.why_not_begun(step.now)
-        context.orders.enter(Phase.NOT_LANDING, why)
-        if step.granted:
-            context.orders.say(Severity.WARNING, why, every_s=pilot_texts.REMIND_S)
+        context.orders.enter(Phase.NOT_LANDING, why, reminds=step.granted)
         return None
 
 

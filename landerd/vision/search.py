@@ -249,7 +249,7 @@ class Search:
         And those with the outline of one found already: the search is to go on to other outlines.
         """
 
-        def is_bare(sighting: MarkerSighting) -> bool:
+        def is_refused(sighting: MarkerSighting) -> bool:
             if any(same_outline(sighting, other) for other in found):
                 return True
             # Squares first: they are looked for in any case, and take less time than the plate.
@@ -263,7 +263,7 @@ class Search:
             self._saw_bare = True
             return True
 
-        return is_bare
+        return is_refused
 
     def _rings_anywhere(self, image: Image, down: Vec3 | None, how: RingSearch) -> list[FoundRing]:
         """Return the rings seen in the whole image, or in the part of the search that is due."""
